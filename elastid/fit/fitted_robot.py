@@ -90,7 +90,7 @@ class FittedRobot:
 
     @property
     def responses(self) -> tuple[FrequencyResponse, ...]:
-        """The model's frequency response beside each measured one: its lines, inputs and outputs."""
+        """The model's frequency response for each measured one: its lines, inputs and outputs."""
         return tuple(
             replace(
                 to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz), rate_is_known=G.rate_is_known
@@ -101,25 +101,25 @@ class FittedRobot:
     @property
     def response_std(self) -> tuple[FloatArray, ...]:
         """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        found = self.result
+        result = self.result
         return tuple(
-            response_deviation(linear, G.freq_hz, found.parameters, found.x, found.covariance)[1]
+            response_deviation(linear, G.freq_hz, result.parameters, result.x, result.covariance)[1]
             for linear, G in zip(self.differentiated, self.measured, strict=True)
         )
 
     @property
     def uncertain_modes(self) -> tuple[UncertainModes, ...]:
         """Natural frequencies and damping ratios of each configuration with their standard deviations."""
-        found = self.result
+        result = self.result
         return tuple(
-            uncertain_modes(linear, found.parameters, found.x, found.covariance) for linear in self.differentiated
+            uncertain_modes(linear, result.parameters, result.x, result.covariance) for linear in self.differentiated
         )
 
     def response_shifts(self, configuration: str) -> ComplexArray:
         """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
-        found, linear = self.result, self.at(configuration)
+        result, linear = self.result, self.at(configuration)
         freq_hz = next(G.freq_hz for G in self.measured if G.configuration.name == configuration)
-        return response_shifts(linear, freq_hz, found.parameters, found.x, found.covariance)
+        return response_shifts(linear, freq_hz, result.parameters, result.x, result.covariance)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -157,11 +157,11 @@ def robots_by_group(
     result: FitResult, robot: Robot, configurations: Sequence[str]
 ) -> dict[str, tuple[Robot, tuple[str, ...]]]:
     """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
-    found = {}
+    robots = {}
     for label, members in group_labels(result.parameters, list(configurations)).items():
         numbers = {key: value for key, value in _numbers(result, members[0]).items() if key != DELAY}
-        found[label] = robot.with_parameters(numbers), tuple(members)
-    return found
+        robots[label] = robot.with_parameters(numbers), tuple(members)
+    return robots
 
 
 def _numbers(result: FitResult, configuration: str) -> dict[str, float]:

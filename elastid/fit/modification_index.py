@@ -1,4 +1,4 @@
-"""ModificationIndex: what one Gauss-Newton step would do that frees numbers which the fit held."""
+"""ModificationIndex: the effect of one Gauss-Newton step that frees numbers which the fit held."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ LARGEST_EFFECT = 50.0
 
 @frozen_value
 class ModificationIndex:
-    """Numbers that the fit held, freed together for one Gauss-Newton step beside its parameters.
+    """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
 
     name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
     members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
     steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
     drop: of V.  share: of what V has beyond the noise.  effects (n_x,): implied change of each free parameter, in x.
-    alike: names of others that the data cannot tell from it.  place: 0 where it is freed alone; 1, 2, ... in the
-    sequence in which each is freed beside those before it, with the further share that it explains.
+    alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
+    sequence in which each is freed after those before it, with the further share that it explains.
     """
 
     name: str

@@ -53,7 +53,7 @@ MIN_EXCESS_DEVIATIONS = 3.0
 
 
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """Whether V exceeds what the noise explains; 2 / cost_dof: relative variance of their ratio."""
+    """True if V exceeds what the noise explains; 2 / cost_dof: relative variance of their ratio."""
     return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
 
 
@@ -110,25 +110,25 @@ class FitResult:
         values, std = self.values, self.std
         rows = []
         for p in self.parameters.free:
-            kept = digits(values[p.name], std[p.name])
-            ends = " to ".join(interval_of(self.interval(p.name), kept))
-            rows.append((p.name, number(values[p.name], kept), number(std[p.name], 2), ends, p.unit))
+            places = digits(values[p.name], std[p.name])
+            ends = " to ".join(interval_of(self.interval(p.name), places))
+            rows.append((p.name, number(values[p.name], places), number(std[p.name], 2), ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
         return Display(f"Fit: {self.message}", ("parameter", "value", std_of, "95 % interval", "unit"), rows)
 
     @property
     def meaning(self) -> str:
-        """What the status says of the parameters, and what to do."""
+        """The meaning of the status for the parameters, and the next action."""
         return MEANING[self.status]
 
     @property
     def noise_is_known(self) -> bool:
-        """Whether noise was measured; otherwise residuals are compared with nothing."""
+        """True if noise was measured; otherwise residuals are compared with nothing."""
         return math.isfinite(self.cost_dof)
 
     @property
     def exceeds_noise(self) -> bool:
-        """Whether V is beyond what noise alone leaves; of a true model so once in 700 times."""
+        """True if V is beyond what noise alone leaves; once in 700 fits of a true model."""
         return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
 
     @property

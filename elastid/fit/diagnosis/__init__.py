@@ -1,1 +1,1 @@
-"""What may be wrong with a fit: status, findings, modification indices, configurations that are unlike the others."""
+"""Diagnosis of a fit: hypotheses on causes of its residuals, one judge of them, status and notes."""

@@ -175,8 +175,5 @@ def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
         change = (after - before) / step
         return change if np.any(np.abs(change) > 1e-9 * max(np.abs(before).max(initial=0.0), 1e-300)) else None
 
-    return Slope(
-        *(slope(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"),
-        slope(model.C, moved.C @ W),
-        slope(model.tilt, moved.tilt @ W),
-    )
+    pairs = [(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"]
+    return Slope(*(slope(*pair) for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W))))

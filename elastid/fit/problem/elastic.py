@@ -164,12 +164,12 @@ class ElasticFit:
 
     def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for alike in self._alike:
-            theta, T = self.theta(alike[0], x), self._chain(alike[0], x)
-            found = [part.normal.at(theta, precision) for part in alike]
-            V += sum(cost for cost, _, _ in found)
-            g += T.T @ sum(gradient for _, gradient, _ in found)
-            A += T.T @ sum(normal for _, _, normal in found) @ T
+        for group in self._groups:
+            theta, T = self.theta(group[0], x), self._chain(group[0], x)
+            sums = [part.normal.at(theta, precision) for part in group]
+            V += sum(cost for cost, _, _ in sums)
+            g += T.T @ sum(gradient for _, gradient, _ in sums)
+            A += T.T @ sum(normal for _, _, normal in sums) @ T
         distance, slope = self._priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         return Evaluation(
@@ -179,7 +179,7 @@ class ElasticFit:
         )
 
     @cached_property
-    def _alike(self) -> tuple[tuple[Part, ...], ...]:
+    def _groups(self) -> tuple[tuple[Part, ...], ...]:
         """The parts in groups with the same theta and the same wanted parameters at any x."""
         groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
         for part in self.parts:

@@ -23,7 +23,7 @@ from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
-# The smallest principal second moment beside the largest below which a body is at the border.
+# The smallest principal second moment relative to the largest below which a body is at the border.
 MIN_RELATIVE_MOMENT = 1e-3
 # A start whose smallest principal second moment is below this share of their sum is moved off the border; others are
 # halved towards it, so often at most.
@@ -45,7 +45,7 @@ class BodyInertia:
 
     @property
     def refusal(self) -> str:
-        """What to say where the start is none that a body can have."""
+        """A sentence on a start that is physically impossible (triangle inequality)."""
         return (
             f"the start gives body {self.name} an inertia that no body can have (a principal moment above the sum of "
             "the other two); correct the start of its inertias, those in the robot's file included"
@@ -80,15 +80,15 @@ class BodyInertia:
 
 def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia, ...]:
     """The bodies with a tensor of which the fit moves at least one entry, once for each that configurations have."""
-    found: list[BodyInertia] = []
+    inertias: list[BodyInertia] = []
     for body in robot.bodies:
         names = {f"I_{body.name}{suffix}": _TENSOR[suffix] for suffix in body.inertia_entries if suffix in _TENSOR}
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
             if names.keys() & set(parameters.moved(where)):
                 places = tuple(parameters.index(name) for name in names)
-                found.append(BodyInertia(body.name, places, tuple(names.values()), where))
-    return tuple(found)
+                inertias.append(BodyInertia(body.name, places, tuple(names.values()), where))
+    return tuple(inertias)
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> list[BodyInertia]:

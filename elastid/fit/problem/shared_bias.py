@@ -30,14 +30,14 @@ Factor: TypeAlias = tuple[str, int, str]
 
 def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
     """The factors of all responses: of each motor that biases one, shared and in each configuration by itself."""
-    found: dict[Factor, None] = {}
+    factors: dict[Factor, None] = {}
     for response in responses:
         for i, errors in enumerate(() if response.bias is None else response.bias):
             of_all = response.bias is not None and i < len(response.bias) - 1
             key = (i, "") if of_all else (-1, response.configuration.name)
-            there = (name for name, one in zip(response.inputs, errors, strict=True) if np.any(one))
-            found |= {(name, *key): None for name in there}
-    return tuple(found)
+            names = (name for name, error in zip(response.inputs, errors, strict=True) if np.any(error))
+            factors |= {(name, *key): None for name in names}
+    return tuple(factors)
 
 
 def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
@@ -52,7 +52,7 @@ def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexAr
         if not configuration:
             bias[b] = error
         elif np.any(error):
-            count = sum(one[0] == name and one[2] != "" for one in factors)
+            count = sum(factor[0] == name and factor[2] != "" for factor in factors)
             bias[b] = ((configuration == response.configuration.name) - 1 / count) * error
     return bias
 

@@ -53,7 +53,7 @@ MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """What the linearisations share: the measured responses with their weights, and the differentiated model.
+    """Shared by all linearisations: the measured responses with their weights, and the differentiated model.
 
     model: how its equations were formulated.
     """
@@ -86,7 +86,7 @@ class Assembly:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What the weights left out."""
+        """Notes on lines that the weights left out."""
         return tuple(note for weight in self.weights for note in weight.notes)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
@@ -100,12 +100,12 @@ class Assembly:
 
     @cached_property
     def is_local(self) -> bool:
-        """Whether a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
+        """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
         moved = {name for response in self.responses for name in self.parameters.moved(response.configuration.name)}
         return self.linearisation.follows or not self.linearisation.is_affine_in(moved)
 
     def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
-        """The problem of the search: the fit as linearised, or linearised anew at every x where it is local."""
+        """The problem of the search: the fit as linearised, or linearised at every x where it is local."""
         if not self.is_local:
             return fit.problem
         return RelinearisedFit(partial(self.at, criterion=criterion), fit).problem
@@ -113,14 +113,15 @@ class Assembly:
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
-        alike: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
-        for one in (response.configuration for response in self.responses):
-            alike.setdefault(tuple(self.parameters.expand(x, one.name)[:-1]), {})[one.name] = one
-        words: list[Note] = []
-        for numbers, configurations in alike.items():
+        groups: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
+        for configuration in (response.configuration for response in self.responses):
+            name = configuration.name
+            groups.setdefault(tuple(self.parameters.expand(x, name)[:-1]), {})[name] = configuration
+        notes: list[Note] = []
+        for numbers, configurations in groups.items():
             theta = np.array(numbers)
-            words += spring_notes(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
-        return tuple(words)
+            notes += spring_notes(model, theta, [equilibrium(model, theta, each) for each in configurations.values()])
+        return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
         """The same with the weights of the robust loss at x."""
@@ -140,7 +141,7 @@ class Assembly:
         if not c.any():
             return self
         factors = find_factors(self.responses)
-        corrected = (replace(one, G=one.G - np.tensordot(c, bias_of(one, factors), axes=1)) for one in self.responses)
+        corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
         return replace(self, responses=tuple(corrected))
 
 
@@ -179,13 +180,13 @@ def relinearise(
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
     for i in range(rounds):
         try:
-            there = assembly.reweighted(end.x)
+            current = assembly.reweighted(end.x)
             if len(c):
-                there = there.with_modelled_bias(there.at(end.x, criterion), end.x)
-                c = next_factors(there.unbiased(c).at(end.x, criterion), there.responses, end.x, c)
-            fit = there.unbiased(c).at(end.x, criterion)
+                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
+                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
+            fit = current.unbiased(c).at(end.x, criterion)
             if (
-                first is not None and there is assembly and criterion == "complex"
+                first is not None and current is assembly and criterion == "complex"
             ):  # a logarithm counts other elements at each x
                 fit = fit.with_residuals_of(first)
         except StudyError as error:
@@ -195,13 +196,13 @@ def relinearise(
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         if moved < MAX_MOVE or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
-            return RelinearisedOptimum(end, fit, there.responses, there.weights, (), c)
+            return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
     note = Note(
         "still-moving",
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
-    return RelinearisedOptimum(end, fit, there.responses, there.weights, (note,), c)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, (note,), c)
 
 
 def robust_factors(

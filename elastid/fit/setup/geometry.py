@@ -35,20 +35,20 @@ def geometry_problems(
     if not free:
         return
     for name, angles in configurations.items():
-        here = [p for p in free if not p.only or name in p.only]
+        moved = [p for p in free if not p.only or name in p.only]
         table = robot.parameters(parameters.names)
         numbers = dict(zip(parameters.names, parameters.expand(parameters.x, name).tolist(), strict=True))
-        started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in here)
+        started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in moved)
         try:
-            there = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
-            assembled(there, np.array(angles, dtype=float))
+            placed = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
+            assembled(placed, np.array(angles, dtype=float))
         except (StudyError, ValueError) as error:
-            yield here[0].name, f"the robot cannot stand at the start {started} in configuration {name}: {error}"
+            yield moved[0].name, f"the robot cannot stand at the start {started} in configuration {name}: {error}"
             return
-        for compensator in there.compensators:
-            mine = [p for p in here if p.stands_for in compensator.geometry]
+        for compensator in placed.compensators:
+            mine = [p for p in moved if p.stands_for in compensator.geometry]
             if mine and _has_a_direction(compensator, parameters):
-                yield from _meeting(there, compensator, mine, name, np.array(angles, dtype=float))
+                yield from _meeting(placed, compensator, mine, name, np.array(angles, dtype=float))
 
 
 def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
@@ -58,7 +58,7 @@ def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Confi
 
 
 def _has_a_direction(compensator: Compensator, parameters: ParameterSet) -> bool:
-    """Whether it pulls where its ends meet: all but a coil without rest length do."""
+    """True if it pulls where its ends meet: all but a coil without rest length do."""
     rest = f"L0_{compensator.name}"
     moves = any(p.stands_for == rest for p in parameters.free)
     return compensator.coil is None or compensator.coil.rest_length > 0 or moves
@@ -79,13 +79,15 @@ def _meeting(
         _, i, _, axis = compensator.geometry[parameter.stands_for][1]
         axes[:, column] = (second if i else -first)[:, int(axis)]
     gap = end + second @ points[1] - start - first @ points[0]
-    at, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
+    values, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
     if np.linalg.norm(gap) > MIN_DISTANCE_M and bounded:
-        found = lsq_linear(axes, axes @ at - gap, (low, high)).x
-        gap, at = gap + axes @ (found - at), found
+        solution = lsq_linear(axes, axes @ values - gap, (low, high)).x
+        gap, values = gap + axes @ (solution - values), solution
     if np.linalg.norm(gap) > MIN_DISTANCE_M:
         return
-    where = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, at, strict=True)) or "its start"
+    where = (
+        ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, values, strict=True)) or "its start"
+    )
     yield (
         (bounded or list(free))[0].name,
         f"within the bounds both ends of compensator {compensator.name} come together in configuration "

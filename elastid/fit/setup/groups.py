@@ -18,7 +18,7 @@ SEPARATOR = "@"
 
 
 def is_group_key(key: str) -> bool:
-    """Whether a key of fit.parameters is about the parameter of one group."""
+    """True if a key of fit.parameters is about the parameter of one group."""
     return SEPARATOR in key
 
 
@@ -42,10 +42,10 @@ def groups_of(
         return {}
     if isinstance(per, str):
         return {configuration: (configuration,) for configuration in configurations}
-    taken = [one for group in per.values() for one in group]
-    for one in taken:
-        if taken.count(one) > 1:
-            raise StudyError(f"{where}: configuration {one} is in two groups")
+    taken = [name for group in per.values() for name in group]
+    for name in taken:
+        if taken.count(name) > 1:
+            raise StudyError(f"{where}: configuration {name} is in two groups")
     return {group: tuple(members) for group, members in per.items() if set(members) & set(configurations)}
 
 
@@ -86,10 +86,10 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
     no group names are `others`; one group of all, called "", where no parameter has groups.
     """
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for configuration in configurations:
         mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if configuration in p.only)
-        found.setdefault("-".join(mine), []).append(configuration)
-    if list(found) == [""]:
-        return {"": tuple(found[""])}
-    return {label or "others": tuple(members) for label, members in found.items()}
+        groups.setdefault("-".join(mine), []).append(configuration)
+    if list(groups) == [""]:
+        return {"": tuple(groups[""])}
+    return {label or "others": tuple(members) for label, members in groups.items()}

@@ -1,4 +1,4 @@
-"""Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
+"""Choice of the parameters that are identified: the robot's numbers under the `fit.parameters` of a study.
 
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
@@ -76,13 +76,13 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
     keys = [key for key in given if key[:1].isalpha()]
-    keys += [one.tie.to for one in given.values() if one.tie is not None and one.tie.to in robot.geometry]
+    keys += [asked.tie.to for asked in given.values() if asked.tie is not None and asked.tie.to in robot.geometry]
     return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in keys))
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
     """The names of robot.on_demand that fit.parameters ask for: geometry, and gains, which no pattern stands for."""
-    ties = [one.tie.to for one in given.values() if one.tie is not None]
+    ties = [asked.tie.to for asked in given.values() if asked.tie is not None]
     return (*named_geometry(given, robot), *(name for name in robot.gains if name in (*given, *ties)))
 
 

@@ -44,11 +44,11 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
         )
     for response in responses:
         _check_robot(response, robot)
-    for one, other in _same_postures(responses):
-        if np.array_equal(one.freq_hz, other.freq_hz) and np.array_equal(one.G, other.G):
+    for first, second in _same_postures(responses):
+        if np.array_equal(first.freq_hz, second.freq_hz) and np.array_equal(first.G, second.G):
             raise DataError(
-                f"the responses of {one.configuration.name} and {other.configuration.name} are the same numbers at the "
-                "same angles: one measurement under two names, whose lines would count twice; leave one out"
+                f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers at "
+                "the same angles: one measurement under two names, whose lines would count twice; leave one out"
             )
     if len({response.rate_is_known for response in responses}) > 1:
         unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
@@ -64,14 +64,14 @@ def find_same_postures(
         own = tuple(p.name for p in parameters if name in p.only)
         return own, tuple(robot for robot, members in robots.items() if name in members)
 
-    pairs = ((one.configuration.name, other.configuration.name) for one, other in _same_postures(responses))
-    alike = [f"{one} and {other}" for one, other in pairs if group(one) == group(other)]
-    if not alike:
+    pairs = ((first.configuration.name, second.configuration.name) for first, second in _same_postures(responses))
+    duplicates = [f"{first} and {second}" for first, second in pairs if group(first) == group(second)]
+    if not duplicates:
         return ()
     return (
         Note(
             "same-posture",
-            f"the same posture under two names: {', '.join(alike)}; both count, as is right where it was measured "
+            f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
             "twice; leave one out where it was not, and name them in fit.robots where they are of two robots",
         ),
     )
@@ -85,11 +85,11 @@ def find_contradictions(
     No parameters explain both; those that are found are of neither.
     """
     unlike = [
-        (f"{one.configuration.name} and {other.configuration.name}", *found)
-        for one, other in _same_postures(responses)
-        if _are_of_one_robot(one.configuration.name, other.configuration.name, robots)
-        and (found := _difference(one, other))[0] > MAX_DIFFERENCE
-        and found[1] > MAX_DIFFERENCE_OVER_STD
+        (f"{first.configuration.name} and {second.configuration.name}", *difference)
+        for first, second in _same_postures(responses)
+        if _are_of_one_robot(first.configuration.name, second.configuration.name, robots)
+        and (difference := _difference(first, second))[0] > MAX_DIFFERENCE
+        and difference[1] > MAX_DIFFERENCE_OVER_STD
     ]
     if not unlike:
         return ()
@@ -105,23 +105,23 @@ def find_contradictions(
     )
 
 
-def _are_of_one_robot(one: str, other: str, robots: Mapping[str, Sequence[str]]) -> bool:
-    return not any((one in members) != (other in members) for members in robots.values())
+def _are_of_one_robot(first: str, second: str, robots: Mapping[str, Sequence[str]]) -> bool:
+    return not any((first in members) != (second in members) for members in robots.values())
 
 
-def _difference(one: FrequencyResponse, other: FrequencyResponse) -> tuple[float, float]:
+def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[float, float]:
     """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
 
     Without common lines both are 0; where the noise is not known, it is taken for none.
     """
-    _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
-    if not here.size:
+    _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
+    if not lines.size:
         return 0.0, 0.0
-    G, H = one.G[here], other.G[there]
+    G, H = first.G[lines], second.G[other_lines]
     difference = np.abs(G - H)
     variance = sum(
-        0.0 if covariance is None else covariance.variance[lines]
-        for covariance, lines in ((one.noise, here), (other.noise, there))
+        0.0 if covariance is None else covariance.variance[rows]
+        for covariance, rows in ((first.noise, lines), (second.noise, other_lines))
     )
     relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
     return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
@@ -132,25 +132,25 @@ def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[Fre
     angles = np.array([response.configuration.angles for response in responses])
     same = np.all(np.abs(angles[:, None] - angles) < ANGLE_TOLERANCE, axis=2)
     for i, j in np.argwhere(np.triu(same, 1)):
-        one, other = responses[i], responses[j]
-        if (one.inputs, one.outputs) == (other.inputs, other.outputs):
-            yield one, other
+        first, second = responses[i], responses[j]
+        if (first.inputs, first.outputs) == (second.inputs, second.outputs):
+            yield first, second
 
 
 def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
     """A note on every two configurations that hold the same numbers, which two measurements never do."""
     words = []
-    for one, other in combinations(responses, 2):
-        if (one.inputs, one.outputs) != (other.inputs, other.outputs):
+    for first, second in combinations(responses, 2):
+        if (first.inputs, first.outputs) != (second.inputs, second.outputs):
             continue
-        _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
-        same = int(np.all((one.G[here] == other.G[there]) & (one.G[here] != 0), axis=(1, 2)).sum())
-        if same > MAX_SHARED_LINES * min(one.n_lines, other.n_lines):
+        _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
+        same = int(np.all((first.G[lines] == second.G[other_lines]) & (first.G[lines] != 0), axis=(1, 2)).sum())
+        if same > MAX_SHARED_LINES * min(first.n_lines, second.n_lines):
             words.append(
                 Note(
                     "alike-responses",
-                    f"configurations {one.configuration.name} and {other.configuration.name} hold the same "
-                    f"numbers at {same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, "
+                    f"configurations {first.configuration.name} and {second.configuration.name} hold the same "
+                    f"numbers at {same} of {min(first.n_lines, second.n_lines)} lines: one measurement counts twice, "
                     "which makes the intervals too narrow, or a file is given for the wrong configuration; leave one "
                     "of them out",
                 )

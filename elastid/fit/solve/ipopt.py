@@ -23,7 +23,7 @@ from elastid.fit.solve.local_optimum import Ending, distance_to_optimum, held_by
 _STOPPED, _FOREIGN_EXCEPTION = "User_Requested_Stop", "NonIpopt_Exception_Thrown"
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
-    "no_nlp_grad": True,  # would need the gradient of the multipliers, which nobody reads
+    "no_nlp_grad": True,  # would need the gradient of the multipliers, which is not read
     "calc_lam_p": False,
     "show_eval_warnings": False,
     "ipopt.sb": "yes",
@@ -50,14 +50,14 @@ def ipopt(
     solver = ca.nlpsol("fit", "ipopt", called[0], options)
     lower, upper = scaled.z_bounds
     with _interrupt_kept(scaled):
-        found = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
+        solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
     stats = solver.stats()
     if scaled.error is not None:
         raise scaled.error
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
     if stats["return_status"] == _FOREIGN_EXCEPTION:
         raise KeyboardInterrupt
-    x = np.clip(scaled.to_x(np.asarray(found["x"]).ravel()), *problem.parameters.x_bounds)
+    x = np.clip(scaled.to_x(np.asarray(solution["x"]).ravel()), *problem.parameters.x_bounds)
     status = "" if stats["return_status"] == _STOPPED else str(stats["return_status"])
     return Ending(x, scaled.at(x), status, int(stats["iter_count"]))
 
@@ -81,8 +81,8 @@ def _gradient(scaled: ScaledProblem) -> Callback:
     n = len(scaled.x0)
 
     def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        here = scaled.guarded(arguments[0])
-        return [ca.DM(scaled.weight * here.cost), ca.DM(scaled.weight * scaled.scale * here.gradient)]
+        evaluation = scaled.guarded(arguments[0])
+        return [ca.DM(scaled.weight * evaluation.cost), ca.DM(scaled.weight * scaled.scale * evaluation.gradient)]
 
     return Callback("nlp_grad_f", _point(n), [("f", vector(1)), ("grad_f_x", vector(n))], evaluate)
 
@@ -103,7 +103,7 @@ def _hessian(scaled: ScaledProblem) -> Callback:
 
 
 def _stop(scaled: ScaledProblem, tolerance: float) -> Callback:
-    """Whether to end: after an error, or nearer to the stationary point than the tolerance."""
+    """True to end: after an error, or nearer to the stationary point than the tolerance."""
     n, none = vector(len(scaled.x0)), ca.Sparsity(0, 0)
     state = [("x", n), ("f", vector(1)), ("g", none), ("lam_x", n), ("lam_g", none), ("lam_p", none)]
 
@@ -136,7 +136,7 @@ def _interrupt_kept(scaled: ScaledProblem) -> Iterator[None]:
 class ScaledProblem:
     """V / N and its derivatives in z, each x evaluated once; an error of a callback is kept in `error`.
 
-    Bounded variables are scaled to unit range, so that a delay in seconds and ln k are alike to a solver.
+    Bounded variables are scaled to unit range, so that a delay in seconds and ln k have the same size for a solver.
     """
 
     def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation) -> None:
@@ -172,8 +172,8 @@ class ScaledProblem:
 
     def distance(self, x: FloatArray) -> float:
         """From x to the stationary point, in standard deviations."""
-        here = self.at(x)
-        return distance_to_optimum(here, self.problem.dof, held_by_bounds(self.problem, x, here))
+        evaluation = self.at(x)
+        return distance_to_optimum(evaluation, self.problem.dof, held_by_bounds(self.problem, x, evaluation))
 
     def guarded(self, z: ca.DM) -> Evaluation:
         """The same for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.

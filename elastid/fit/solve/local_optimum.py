@@ -36,7 +36,7 @@ class Ending:
     """x (n_x,) and the problem there; status: why the solver stopped, empty where the optimum was near enough."""
 
     x: FloatArray
-    there: Evaluation
+    evaluation: Evaluation
     status: str
     iterations: int
 
@@ -48,7 +48,7 @@ def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
 
 
 def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
-    """How far the stationary point is, one Gauss-Newton step, in standard deviations of the estimate.
+    """Distance to the stationary point, one Gauss-Newton step, in standard deviations of the estimate.
 
     held (n_x,): variables that a bound holds, which take no step.  inf where the cost is not finite.
     """
@@ -61,7 +61,7 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
 
 
 def is_far_from_noise(cost: float, dof: int) -> bool:
-    """Whether V is that of a wrong model, so that no more of its optimum matters than where it is about."""
+    """True if V is that of a wrong model, so that its optimum matters only approximately."""
     return cost > FAR_FROM_NOISE * max(dof, 1)
 
 

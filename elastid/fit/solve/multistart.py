@@ -100,7 +100,7 @@ def _deviation(cost: float, problem: LeastSquares) -> float:
 
 
 def _may_fall(end: LocalOptimum, best: float) -> bool:
-    """Whether a rough solve that ran out of iterations is near enough to continue."""
+    """True if a rough solve that ran out of iterations is near enough to continue."""
     return not end.converged and end.cost <= MAX_ROUGH_COST_RATIO * best
 
 

@@ -52,8 +52,8 @@ def solve(
     if len(x0) == 0:
         return LocalOptimum(x0, x0, beginning.cost, 0, True, "nothing is free")
     end = _SOLVERS[method](problem, x0, beginning, tolerance, max_iterations)
-    off = distance_to_optimum(end.there, problem.dof, held_by_bounds(problem, end.x, end.there))
+    off = distance_to_optimum(end.evaluation, problem.dof, held_by_bounds(problem, end.x, end.evaluation))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
     converged = off < CONVERGED or end.status == CREEPING
-    return LocalOptimum(x0, end.x, end.there.cost, end.iterations, converged, message)
+    return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)

@@ -13,7 +13,7 @@ steps that are merely shortened until V is finite would creep along the border.
 .. math:: \|s\|^2 = s^T M s, \qquad M = 1 + (\Delta / \beta)^2 D
 
 An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
-first order: a response is nearly linear in a damping that hardly acts, whose step would otherwise span powers of e.
+first order: a response is nearly linear in a damping of little effect, whose step would otherwise span powers of e.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 # Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
 # that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
 CREEPING_ITERATIONS, MIN_PROGRESS = 8, 1e-4
-CREEPING = "V hardly falls any more"
+CREEPING = "the cost no longer decreases"
 
 
 def trust_region(
@@ -62,58 +62,58 @@ def trust_region(
     """
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
-    x, here, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
+    x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
     for used in range(max_iterations + 1):
-        held = fixed | held_by_bounds(problem, x, here)
-        if distance_to_optimum(here, problem.dof, held) < tolerance:
-            return Ending(x, here, "", used)
+        held = fixed | held_by_bounds(problem, x, now)
+        if distance_to_optimum(now, problem.dof, held) < tolerance:
+            return Ending(x, now, "", used)
         if used == max_iterations:
             break
         if _creeps(costs, problem.dof):
-            return Ending(x, here, CREEPING, used)
-        gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
+            return Ending(x, now, CREEPING, used)
+        gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
         # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
-        while not predicted > ROUNDING * here.cost and radius > MIN_RADIUS:
+        while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
             if border is not None:
                 metric = np.eye(len(x)) + _weight_of(border, radius) * border
             step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
-            radius *= 1.0 if predicted > ROUNDING * here.cost else SHRINK[0]
-        if not predicted > ROUNDING * here.cost:
-            return Ending(x, here, "no further decrease", used)
+            radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
+        if not predicted > ROUNDING * now.cost:
+            return Ending(x, now, "no further decrease", used)
         x_new = _moved(parameters, x, unit * step)
         new = problem.evaluate(x_new)
-        share = (here.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
+        share = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
         length = float(np.sqrt(step @ metric @ step))
         radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
         if share > MIN_SHARE:
-            x, here = x_new, new
-        costs.append(here.cost)
-    return Ending(x, here, "stopped", max_iterations)
+            x, now = x_new, new
+        costs.append(now.cost)
+    return Ending(x, now, "stopped", max_iterations)
 
 
 def _creeps(costs: Sequence[float], dof: int) -> bool:
-    """Whether V of the iterations so far is far from any noise and has stopped to fall."""
+    """True if V of the iterations so far is far from any noise and no longer decreases."""
     if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
         return False
     return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
 
 
 def _weight_of(border: FloatArray, radius: float) -> float:
-    """The weight of a border's metric beside the unit matrix: (Delta / beta)^2, unless rounding would swallow 1."""
+    """The weight of a border's metric added to the unit matrix: (Delta / beta)^2, unless rounding would swallow 1."""
     return min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
 
 
-def _units(parameters: ParameterSet, x: FloatArray, here: Evaluation) -> FloatArray:
-    """Changes (n_x,) that count alike: a factor e; of a linear parameter what it is, moves by alone, or scatters by.
+def _units(parameters: ParameterSet, x: FloatArray, now: Evaluation) -> FloatArray:
+    """Changes (n_x,) of equal weight: a factor e; of a linear parameter its size, its own step, or its deviation.
 
     The largest of these three, and at most the width of its bounds.
     """
-    curvature = np.diag(here.hessian)
+    curvature = np.diag(now.hessian)
     known = curvature > 0
-    alone = np.divide(np.abs(here.gradient), curvature, out=np.zeros_like(x), where=known)
+    alone = np.divide(np.abs(now.gradient), curvature, out=np.zeros_like(x), where=known)
     deviation = np.sqrt(np.divide(2.0, curvature, out=np.zeros_like(x), where=known))
     size = np.maximum(np.abs(x), np.maximum(alone, deviation))
     size[size == 0] = 1.0

@@ -1,1 +1,1 @@
-"""How sure an estimate is: covariance, jackknife, profile likelihood, bootstrap, and what it means for modes."""
+"""Uncertainty of an estimate: covariance, jackknife, profile likelihood, bootstrap."""

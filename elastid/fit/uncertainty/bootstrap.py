@@ -1,4 +1,4 @@
-r"""Bootstrap: the fit repeated on data drawn anew, from its optimum.
+r"""Bootstrap: the fit repeated on data that are drawn again about its optimum.
 
 .. math:: \hat G^{(b)} = G(\hat\theta) + e^{(b)}
 
@@ -38,7 +38,7 @@ def bootstrap(
     seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:
-    """Estimates (repetitions, n_x) from data drawn anew about the optimum x (n_x,); NaN rows where a fit failed.
+    """Estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
 
     Each repetition has its own random numbers, so that the result does not depend on the execution.
     """

@@ -16,12 +16,12 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
-- floor: the model error alpha |G| that the study declares. Such an error is alike on neighbouring lines and in all
+- floor: the model error alpha |G| that the study declares. Such an error is the same on neighbouring lines and in all
   configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
   power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
 
 Without a floor and with an exact model noise and residuals agree and 95 % intervals hold the truth 95 to 97 % of the
-time. A model error that the parameters absorb alike in all configurations does not show; only the floor covers it.
+time. A model error that the parameters absorb equally in all configurations does not show; only the floor covers it.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def _floor(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
 
 
 def _floor_share(parts: Sequence[LineSums], expected_cost: float, cost_dof: float) -> float:
-    """s: the share of the floor's power for which V leaves room beside the noise and two standard deviations of V."""
+    """s: the share of the floor's power for which V leaves room above the noise and two standard deviations of V."""
     power = sum(part.floor_power for part in parts)
     if power == 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Intervals beside those of the covariance: profile likelihood and bootstrap, as a study asks for."""
+"""Further intervals than those of the covariance: profile likelihood and bootstrap, as a study asks for."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def interval_errors(
     curvature = np.diag(A_inverse)
     known = np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0))
     half = [QUANTILE * np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i] for i in known]
-    found = np.zeros(len(x))
-    found[known] = (execution or Execution()).ordered(partial(_error_of_ends, problem, x, best.cost), half)
-    return found
+    errors = np.zeros(len(x))
+    errors[known] = (execution or Execution()).ordered(partial(_error_of_ends, problem, x, best.cost), half)
+    return errors
 
 
 def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: FloatArray) -> float:
@@ -52,11 +52,11 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     lower, upper, worst = *problem.parameters.x_bounds, 0.0
     for step in (-half, half):
         end = np.clip(x + step, lower, upper)
-        there = problem.evaluate(end)
-        rise = there.cost - cost
+        ending = problem.evaluate(end)
+        rise = ending.cost - cost
         if not (rise > 0 and np.isfinite(rise)):
             return np.inf
-        worst = max(worst, abs(1 - 0.5 * float(there.gradient @ (end - x)) / rise))
+        worst = max(worst, abs(1 - 0.5 * float(ending.gradient @ (end - x)) / rise))
     return worst
 
 
@@ -101,8 +101,8 @@ def profile_ends(
     execution: Execution | None = None,
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    found = profiles(problem, x, variance, names, execution)
-    rows = {profile.name: profile.interval for profile in found}
+    profiled = profiles(problem, x, variance, names, execution)
+    rows = {profile.name: profile.interval for profile in profiled}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 

@@ -61,13 +61,13 @@ class LineSums:
 
 
 def sum_lines(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], one: tuple[Part, FrequencyResponse, Weights]
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, FrequencyResponse, Weights]
 ) -> LineSums:
     """The sums of one configuration at x (n_x,); fit: whose parameters count.
 
     factors: of systematic errors, which are further columns of J.
     """
-    part, response, weights = one
+    part, response, weights = configuration
     mixing = part.mixing
     r, J = fit.block(part, x, mixing)
     if factors:
@@ -127,7 +127,7 @@ def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
 
 
 def _spread(T: ComplexArray, noise: SmoothedNoise) -> float:
-    """(1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured beside them."""
+    """(1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them."""
     S = T @ noise.covariance @ _H(T)
     return (1 + noise.repeats) * float(np.sum(np.abs(S) ** 2))
 

@@ -4,7 +4,7 @@ r"""Profile likelihood: V against one parameter, minimised over all others.
           \{x_i : V_p(x_i) - V(\hat x) \le 1.96^2 c_i\}, \quad c_i = \mathrm{var}\, x_i / (A^{-1})_{ii}
 
 An interval of 95 % that need not be symmetric in x, and is one-sided where the data only bound a parameter. c_i scales
-to the stated variance, which holds correlated elements, model error and the floor beside the curvature of V.
+to the stated variance, which holds correlated elements, model error and the floor as well as the curvature of V.
 (Raue et al., Bioinformatics 25, 2009, 1923.)
 
 sqrt(V_p - V) is nearly linear in x_i, and its slope is known: dV_p / dx_i = g^T t with the tangent t of the path along
@@ -62,8 +62,8 @@ def profiles(
     stated = np.where(np.isfinite(variance), variance, curvature)
     work = _Work(problem, x, best, stated, QUANTILE**2 * stated / np.maximum(curvature, 1e-300))
     places = [free.index(name) for name in names]
-    found = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
-    return tuple(in_order(found))
+    results = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
+    return tuple(in_order(results))
 
 
 @dataclass(frozen=True)
@@ -90,36 +90,36 @@ class _Work:
         """Both ends of the interval of one parameter."""
         begin = self._point(place, Ending(self.x, self.best, "", 0))
         (low, below), (high, above) = self._end(place, -1, begin), self._end(place, 1, begin)
-        found = dict(sorted((float(point.x[place]), point.cost) for point in (begin, *below, *above)))
+        costs = dict(sorted((float(point.x[place]), point.cost) for point in (begin, *below, *above)))
         name = self.problem.parameters.free_names[place]
-        return Profile(name, (low, high), np.array(list(found)), np.array(list(found.values())))
+        return Profile(name, (low, high), np.array(list(costs)), np.array(list(costs.values())))
 
     def _end(self, place: int, side: int, begin: _Point) -> tuple[float, list[_Point]]:
         """Where V_p crosses the level on one side, infinite where it does not before the bound, and the points."""
-        here, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
+        optimum, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
         level = math.sqrt(self.allowed[place])
         inside, outside, last = 0.0, math.inf, begin
         points: list[_Point] = []
-        at = here + side * QUANTILE * math.sqrt(float(self.variance[place]))
+        at = optimum + side * QUANTILE * math.sqrt(float(self.variance[place]))
         while len(points) < MAX_POINTS:
             at = min(at, bound) if side > 0 else max(at, bound)
             point = self._moved(place, last, at)
             points.append(point)
             rise = math.sqrt(max(0.0, point.cost - self.best.cost))
             if rise > level:
-                outside = abs(at - here)
+                outside = abs(at - optimum)
             elif at == bound:
                 return side * math.inf, points
             else:
-                inside = abs(at - here)
+                inside = abs(at - optimum)
             slope = side * point.slope / (2 * rise) if 0 < rise < math.inf else 0.0
-            reach = _next_reach(abs(at - here), (inside, outside), level - rise, slope)
-            at = here + side * reach
+            reach = _next_reach(abs(at - optimum), (inside, outside), level - rise, slope)
+            at = optimum + side * reach
             near = slope > 0 and abs(level - rise) < LAST_STEP * level
             if near or outside - inside < END_TOLERANCE * outside:
                 return at, points
             last = point if math.isfinite(rise) else last
-        return here + side * outside, points
+        return optimum + side * outside, points
 
     def _moved(self, place: int, last: _Point, value: float) -> _Point:
         """The point of the path with a value, begun on the tangent of another one."""
@@ -136,11 +136,11 @@ class _Work:
 
     def _point(self, place: int, end: Ending) -> _Point:
         """With the tangent: the Gauss-Newton step of the others that no bound holds, for a unit step of this one."""
-        H, tangent = end.there.hessian, np.zeros(len(end.x))
-        free = ~(self._is(place) | held_by_bounds(self.problem, end.x, end.there))
+        H, tangent = end.evaluation.hessian, np.zeros(len(end.x))
+        free = ~(self._is(place) | held_by_bounds(self.problem, end.x, end.evaluation))
         tangent[place] = 1.0
         tangent[free] = -np.linalg.lstsq(H[np.ix_(free, free)], H[free, place], rcond=1e-12)[0]
-        return _Point(end.x, end.there.cost, float(end.there.gradient @ tangent), tangent)
+        return _Point(end.x, end.evaluation.cost, float(end.evaluation.gradient @ tangent), tangent)
 
     def _is(self, place: int) -> BoolArray:
         return np.asarray(np.arange(len(self.x)) == place)

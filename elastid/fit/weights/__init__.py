@@ -1,1 +1,1 @@
-"""How much each element of a measured response counts: variances, their smoothing, full covariances, masks."""
+"""Weights of the elements of a measured response: variances, their smoothing, full covariances, masks."""

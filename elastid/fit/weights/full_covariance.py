@@ -17,7 +17,7 @@ from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.smoothed_noise import SmoothedNoise
 from elastid.response import Covariance, FrequencyResponse
 
-# The smallest eigenvalue of the correlations, beside the largest, that is not taken for rounding.
+# The smallest eigenvalue of the correlations, relative to the largest, that is not taken for rounding.
 EIGENVALUE_TOLERANCE = 1e-10
 
 
@@ -36,7 +36,7 @@ class Whitening:
 
     @property
     def matrix(self) -> ComplexArray:
-        """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; anew at every call."""
+        """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
         return whitening(self.noise.full(), self.floor, self.sigma, self.phase)
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
@@ -49,7 +49,7 @@ class Whitening:
 def weighs_correlations(
     response: FrequencyResponse, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec
 ) -> bool:
-    """Whether C~ weighs the elements of a line together, or each element counts by itself.
+    """True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
     Raises DataError where `full` is asked for and no covariance is known, or it is singular and no floor makes it
@@ -92,7 +92,7 @@ def whitening(
 
 
 def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> str:
-    """What is wrong with the correlations of the elements that count, or nothing."""
+    """The flaw of the correlations of the elements that count, empty without one."""
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
     R = C / (deviation[:, :, None] * deviation[:, None, :])

@@ -113,5 +113,5 @@ def _torque(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
     return np.asarray((shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real)
 
 
-def _ratio(found: FloatArray, expected: FloatArray) -> FloatArray:
-    return np.divide(np.maximum(found, 0.0), expected, out=np.zeros_like(found), where=expected > 0)
+def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
+    return np.divide(np.maximum(measured, 0.0), expected, out=np.zeros_like(measured), where=expected > 0)

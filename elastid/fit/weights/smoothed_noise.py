@@ -47,7 +47,7 @@ class SmoothedNoise:
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether variances alone are known."""
+        """True if variances alone are known."""
         return self.smooth.form == "diagonal"
 
     @property
@@ -81,14 +81,14 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
     assert S is not None
     if math.isinf(known.dof):
         return SmoothedNoise(known, known, np.zeros(F), np.zeros(F))
-    found = smooth_covariance(S, _model(response, known, S), known.dof, width)
-    power = np.einsum("faa->fa", found.covariance).real
+    smoothed = smooth_covariance(S, _model(response, known, S), known.dof, width)
+    power = np.einsum("faa->fa", smoothed.covariance).real
     if known.left is None:
-        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=found.covariance)
+        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=smoothed.covariance)
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
-        smooth = Covariance(variance, known.dof, known.left, found.covariance)
-    return SmoothedNoise(known, smooth, found.own_variance, found.own)
+        smooth = Covariance(variance, known.dof, known.left, smoothed.covariance)
+    return SmoothedNoise(known, smooth, smoothed.own_variance, smoothed.own)
 
 
 def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> ComplexArray:
@@ -179,10 +179,10 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
     n = X.shape[1]
     if width == 1 or n == 1:
         return 0.0
-    others = (width * moving_mean(X, width) - X) / (width - 1)
+    neighbours = (width * moving_mean(X, width) - X) / (width - 1)
     likelihood = []
     for rho in SHRINKAGES:
-        values, vectors = np.linalg.eigh(rho * np.eye(n) + (1 - rho) * others)
+        values, vectors = np.linalg.eigh(rho * np.eye(n) + (1 - rho) * neighbours)
         values = np.maximum(values, 1e-12)
         power = np.einsum("fab,fac,fcb->fb", vectors.conj(), X, vectors, optimize=True).real
         likelihood.append(float(np.sum(-np.log(values) - power / values)))

@@ -1,4 +1,4 @@
-r"""How much each element of a measured response counts in the fit.
+r"""Weights of the elements of a measured response in the fit.
 
 .. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
 
@@ -53,7 +53,7 @@ class Weights:
 
     @property
     def used(self) -> BoolArray:
-        """Which elements count (F, n_y, n_u)."""
+        """True for the elements (F, n_y, n_u) that count."""
         return np.isfinite(self.sigma)
 
     def noise_covariance(self) -> ComplexArray | None:
@@ -67,7 +67,7 @@ class Weights:
 def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     """The weights of one measured response under the study's masks, band, floor, smoothing and factors.
 
-    Raises DataError where neither a variance nor a floor tells how much its lines count, and where a full covariance is
+    Raises DataError where neither a variance nor a floor gives its lines a weight, and where a full covariance is
     asked for that is not there or singular.
     """
     where = response.configuration.name
@@ -143,10 +143,10 @@ def vec(array: FloatArray | ComplexArray) -> Any:
 
 
 def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
-    """What the study multiplies the weights by (F, n_y, n_u)."""
+    """Factors (F, n_y, n_u) of the study on the weights."""
     product = np.ones(response.G.shape)
-    for one in factors:
-        product = np.where(_matches(response, one), product * one.factor, product)
+    for factor in factors:
+        product = np.where(_matches(response, factor), product * factor.factor, product)
     return product
 
 
@@ -165,7 +165,7 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
 
 
 def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:
-    """What band and masks leave (F, n_y, n_u)."""
+    """True for the elements (F, n_y, n_u) that band and masks leave."""
     used = np.ones(response.G.shape, dtype=np.bool_)
     if spec.band_hz is not None:
         used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
