@@ -14,6 +14,7 @@ from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.base.numbers import digits, interval_of, number
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
@@ -43,10 +44,6 @@ MEANING: dict[Status, str] = {
     "model_error": "the model does not describe these responses, and its parameters mean nothing: check channels, "
     "configurations and robot",
 }
-
-# 95 % of a normal distribution lie within so many standard deviations.
-QUANTILE = 1.959964
-
 
 # V beyond its expectation, in standard deviations, that is taken for a model error: of a true model once in 700 times.
 MIN_EXCESS_DEVIATIONS = 3.0
@@ -171,7 +168,7 @@ class FitResult:
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
         parameter = self.parameters.free[i]
-        reach = QUANTILE * float(np.sqrt(self.covariance[i, i]))
+        reach = QUANTILE_95 * float(np.sqrt(self.covariance[i, i]))
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)

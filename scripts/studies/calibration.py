@@ -43,7 +43,7 @@ from study_plants import NOISE, Plant, Rig, demo, of_study, responses, three_mas
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import ordered
-from elastid.fit.result import QUANTILE
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.setup.assembly import RelinearisedOptimum, relinearise
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.spec import ParameterSpec, PriorSpec
@@ -98,7 +98,7 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem, there, variance)
     low, high = profile_ends(problem, there, variance, names).T
-    reach = QUANTILE * np.sqrt(variance)
+    reach = QUANTILE_95 * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 
 
@@ -167,7 +167,7 @@ def calibrated(sets: DataSets, n_sets: int, jobs: int, names: tuple[str, ...]) -
         "failed": int(np.sum(~good)),
         "coverage": float(holds.mean()),
         "coverage_by_parameter": holds.mean(axis=0).round(4).tolist(),
-        "symmetric_by_parameter": np.mean(np.abs(error) < QUANTILE * stated, axis=0).round(4).tolist(),
+        "symmetric_by_parameter": np.mean(np.abs(error) < QUANTILE_95 * stated, axis=0).round(4).tolist(),
         "bound": bound.round(5).tolist(),
         "scatter_over_bound": (scatter / bound).round(4).tolist(),
         "stated_over_bound": (np.sqrt(np.mean(stated**2, axis=0)) / bound).round(4).tolist(),

@@ -46,8 +46,8 @@ from study_plants import Plant, demo, responses
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import ordered
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.elastic import elastic_fit, linear_model
-from elastid.fit.result import QUANTILE
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty, inverse_information
 from elastid.fit.weight_spec import WeightSpec
@@ -209,7 +209,7 @@ def measure(sets: Sets, count: int, jobs: int) -> dict[str, Any]:
         "floor": sets.floor,
         "scatter / bound": float(np.sqrt(np.mean(scatter**2))),
         "stated / scatter": float(np.sqrt(np.mean(relative**2) / np.mean(scatter**2))),
-        "coverage": float(np.mean(np.abs(error) < QUANTILE * stated)),
+        "coverage": float(np.mean(np.abs(error) < QUANTILE_95 * stated)),
     }
     return row | dict(zip(COLUMNS, rest.mean(axis=0).round(4).tolist(), strict=True))
 

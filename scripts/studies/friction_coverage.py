@@ -41,13 +41,13 @@ from study_plants import fit_from_truth, with_coulomb
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
+from elastid.base.statistics import QUANTILE_95
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
-from elastid.fit.result import QUANTILE
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.without_friction import estimate_without_friction
@@ -192,7 +192,7 @@ def covered(case: Case, sets: int, jobs: int) -> list[dict[str, Any]]:
 
 
 def _figures(case: Case, friction: Friction, error: FloatArray, stated: FloatArray) -> dict[str, Any]:
-    within = np.abs(error) < QUANTILE * stated
+    within = np.abs(error) < QUANTILE_95 * stated
     rms = np.sqrt(np.mean(stated**2, axis=0))
     sets = len(error)
     # Data sets are independent, parameters of one are not; few sets may all have the same share.

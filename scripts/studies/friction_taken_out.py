@@ -52,13 +52,13 @@ from study_plants import fit_from_truth
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
+from elastid.base.statistics import QUANTILE_95
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
-from elastid.fit.result import QUANTILE
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.without_friction import estimate_without_friction
@@ -183,7 +183,7 @@ def judge(case: Case, n_sets: int, seed: int, jobs: int) -> dict[str, Any]:
     errors = 100 * np.array([each for each, _ in done])
     e, stated = errors[:, :, 0], errors[:, :, 1]
     level, of_level = np.moveaxis(np.array([each for _, each in done]), 1, 0)
-    within = np.abs(e) < QUANTILE * stated
+    within = np.abs(e) < QUANTILE_95 * stated
     return {
         "bias": e.mean(axis=0),
         "scatter": e.std(axis=0, ddof=1),
@@ -193,7 +193,7 @@ def judge(case: Case, n_sets: int, seed: int, jobs: int) -> dict[str, Any]:
         "covered_by_parameter": within[:, 1].mean(axis=0),
         "sets": n_sets,
         "level": level.mean(axis=0) / levels(case),
-        "level_covered": np.mean(np.abs(level - levels(case)) < QUANTILE * of_level),
+        "level_covered": np.mean(np.abs(level - levels(case)) < QUANTILE_95 * of_level),
         "taken": bool(np.all(level > 0)),
         "left_alone": bool(np.all(level == 0)),
     }

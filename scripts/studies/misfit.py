@@ -43,8 +43,9 @@ from plants.faults import FAULTS, SPEC, Case, drawn, rubbing, true_case
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.identify import identify
-from elastid.fit.result import QUANTILE, FitResult
+from elastid.fit.result import FitResult
 from elastid.fit.weight_spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -138,7 +139,7 @@ def wrong_models(sets: int, noises: list[float], floors: tuple[float, ...], seed
             ends = Counter(status for status, _ in found)
             silent = max((float(off.max()) for status, off in found if status in SILENT), default=0.0)
             off = np.concatenate([np.zeros(0), *(off for status, off in found if status == "misfit")])
-            held = float(np.mean(off < QUANTILE)) if off.size else None
+            held = float(np.mean(off < QUANTILE_95)) if off.size else None
             share = "" if held is None else f"{100 * held:.0f} %"
             print(f"{kind:<34}{noise:>6g}{len(fits):>6}{silent:>20.1f}{share:>14}  {_said(ends)}", flush=True)
             rows[f"{kind}, noise {noise:g}"] = {"ends": dict(ends), "worst_silent": silent, "misfits_hold": held}

@@ -49,9 +49,9 @@ from study_plants import Plant, Rig, demo, of_study, six_axes, three_mass
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.result import QUANTILE
 from elastid.fit.solve.multistart import DAMPING_UNITS, MAX_HIT_EXCESS, ROUGH_ITERATIONS, multistart, spread
 from elastid.fit.solve.solvers import FINE, NEAR, solve
 from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
@@ -193,7 +193,7 @@ def intervals(plant: Plant, seed: int, starts: int) -> dict[str, Any]:
     for place, row in enumerate(ends):
         for value in row[np.isfinite(row)]:
             lowest = solve(held(problem.last.problem, place, float(value)), np.delete(x, place), method="ipopt").cost
-            error = max(error, abs(np.sqrt(lowest - ranked[0].cost) / QUANTILE - 1))
+            error = max(error, abs(np.sqrt(lowest - ranked[0].cost) / QUANTILE_95 - 1))
     unbounded = int(np.isinf(ends).sum())
     return {
         "search": len(searched),

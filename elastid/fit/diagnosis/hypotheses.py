@@ -3,8 +3,8 @@ r"""HYPOTHESES: every kind of cause that a diagnosis considers, with its usual s
 To add one, write a function and an entry.  An entry may be put into this list, or handed to `identify`:
 
     def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
-        "Derivative to the share of motor 2's torque that is logged with that of motor 1."
-        return {"crosstalk_1": -response.G @ np.array([[0, 0], [1, 0]])}
+        "Derivative to the share of motor 1's torque that is logged with that of motor 2."
+        return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
 
     MINE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
                       advice="check the wiring of the current sensors")

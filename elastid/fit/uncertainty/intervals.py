@@ -13,8 +13,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.result import QUANTILE, FitResult
+from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import RelinearisedOptimum
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.bootstrap import bootstrap
@@ -41,7 +42,7 @@ def interval_errors(
     A_inverse = np.linalg.pinv(best.hessian / 2, hermitian=True)
     curvature = np.diag(A_inverse)
     known = np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0))
-    half = [QUANTILE * np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i] for i in known]
+    half = [QUANTILE_95 * np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i] for i in known]
     errors = np.zeros(len(x))
     errors[known] = (execution or Execution()).ordered(partial(_error_of_ends, problem, x, best.cost), half)
     return errors

@@ -22,8 +22,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution, in_order
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.result import QUANTILE
 from elastid.fit.solve.local_optimum import Ending, held_by_bounds
 from elastid.fit.solve.solvers import ROUGH
 from elastid.fit.solve.trust_region import trust_region
@@ -60,7 +60,7 @@ def profiles(
     curvature = np.diag(np.linalg.pinv(best.hessian / 2, hermitian=True))
     free = problem.parameters.free_names
     stated = np.where(np.isfinite(variance), variance, curvature)
-    work = _Work(problem, x, best, stated, QUANTILE**2 * stated / np.maximum(curvature, 1e-300))
+    work = _Work(problem, x, best, stated, QUANTILE_95**2 * stated / np.maximum(curvature, 1e-300))
     places = [free.index(name) for name in names]
     results = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
     return tuple(in_order(results))
@@ -100,7 +100,7 @@ class _Work:
         level = math.sqrt(self.allowed[place])
         inside, outside, last = 0.0, math.inf, begin
         points: list[_Point] = []
-        at = optimum + side * QUANTILE * math.sqrt(float(self.variance[place]))
+        at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
         while len(points) < MAX_POINTS:
             at = min(at, bound) if side > 0 else max(at, bound)
             point = self._moved(place, last, at)
