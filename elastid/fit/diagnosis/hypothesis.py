@@ -25,10 +25,9 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
-from elastid.fit.diagnosis.held_model import HeldModel
 from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldResponse
+from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import FitResult

@@ -18,7 +18,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.diagnosis.configurations import LIMITS
-from elastid.fit.diagnosis.held_model import HeldModel
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
     Columns,
@@ -32,7 +31,7 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.lateness import as_delay
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import evaluate_held
+from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.modification_index import ModificationIndex

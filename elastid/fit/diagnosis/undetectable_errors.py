@@ -19,8 +19,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
-from elastid.fit.diagnosis.held_model import RATE
 from elastid.fit.diagnosis.hypothesis import Scores
+from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
 from elastid.fit.result import FitResult
 
