@@ -1,0 +1,45 @@
+"""Records on the shafts of coupled motors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.nonlinear.places import on_links, on_shafts
+from elastid.record import Configuration, Record
+
+E = np.array([[1.0, 0.0], [-0.4, 1.0]])
+
+
+def record() -> Record:
+    rng = np.random.default_rng(0)
+    places = ("motor 5", "motor 6")
+    return Record(
+        "r", Configuration("c", [0.0, 0.0]), 0, 0, 100.0, 40, places, ("accelerometer tool z", *places[::-1]),
+        ("acceleration", "position", "position"), rng.standard_normal((80, 2)), rng.standard_normal((80, 3)),
+        rng.standard_normal((80, 2)),
+    )  # fmt: skip
+
+
+def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
+    """u^T q of motors, whatever the order of the outputs; other outputs stay."""
+    links, shafts = record(), on_shafts(record(), E)
+
+    def power(one: Record) -> np.ndarray:
+        return np.asarray(one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1])
+
+    np.testing.assert_allclose(power(shafts), power(links))
+    np.testing.assert_array_equal(shafts.y[:, 0], links.y[:, 0])
+    np.testing.assert_allclose(shafts.y[:, 1], -0.4 * links.y[:, 2] + links.y[:, 1])
+    back = on_links(shafts, E)
+    for name in ("u", "y", "r"):
+        np.testing.assert_allclose(getattr(back, name), getattr(links, name), atol=1e-14)
+    assert on_shafts(links, None) is links
+
+
+def test_a_shaft_needs_the_motions_of_all_motors() -> None:
+    """With one motor's encoder missing no motor is among the outputs, and friction is left where it is."""
+    one = record()
+    partial = replace(one, y=one.y[:, :2], outputs=one.outputs[:2], quantities=one.quantities[:2])
+    assert on_shafts(partial, E).outputs == ("accelerometer tool z",)
