@@ -35,7 +35,7 @@ from elastid.friction_study.innovations import (
 
 # Points of a followed number that a result keeps.
 SHOWN = 2000
-# s of the first motion from which noise is found.
+# s of the longest motion from which noise is found.
 NOISE_STRETCH_S = 60.0
 # Lags of the autocorrelation.
 LAGS = 50
@@ -94,15 +94,16 @@ def follow(
     settle_s: float,
     find_noise: bool,
 ) -> FollowedFriction:
-    """The followed friction of a joint; find_noise: from the innovations of the first motion, else as guessed.
+    """The followed friction of a joint; find_noise: from the innovations of the longest motion, else as guessed.
 
     Raises DataError where the motions are shorter than the filter takes to settle.
     """
     kalman = KalmanFilter(joint, rate_hz)
-    start = first_estimate(joint, float(motions[0].samples.angle[0]), float(motions[0].samples.load[0]))
+    start = _at_start(joint, motions[0].samples)
     noise = guess
     if find_noise:
-        noise = estimate_noise(kalman, _beginning(motions, rate_hz), guess, start, min(settle_s, 1.0))
+        stretch = _longest(motions, rate_hz)
+        noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)
     whole = _joined(tracks)
     if len(whole.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
@@ -121,8 +122,13 @@ def follow(
     )  # fmt: skip
 
 
-def _beginning(motions: Sequence[Motion], rate_hz: float) -> JointSamples:
-    """At most NOISE_STRETCH_S of the longest motion."""
+def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
+    """The joint at rest where a motion begins."""
+    return first_estimate(joint, float(samples.angle[0]), float(samples.load[0]))
+
+
+def _longest(motions: Sequence[Motion], rate_hz: float) -> JointSamples:
+    """At most NOISE_STRETCH_S of the longest motion, from its beginning."""
     longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
     cut = slice(0, round(NOISE_STRETCH_S * rate_hz))
     return JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
@@ -144,7 +150,7 @@ def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise,
 def _resumed(joint: FollowedJoint, last: Estimate, motion: Motion, noise: FilterNoise, pause_s: float) -> Estimate:
     """At rest where the motion begins, friction as it was, less certain by the drift of the pause."""
     p = len(joint.followed)
-    begun = first_estimate(joint, float(motion.samples.angle[0]), float(motion.samples.load[0]))
+    begun = _at_start(joint, motion.samples)
     x, P = begun.x.copy(), begun.P.copy()
     x[-p:] = last.x[-p:]
     drift = [noise.drift.get(name, 0.0) ** 2 * pause_s for name in joint.followed]

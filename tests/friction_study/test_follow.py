@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
 from elastid.friction_study.follow import FollowedFriction, Motion, follow
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
@@ -40,3 +41,16 @@ def test_a_filter_that_has_lost_the_log_says_so() -> None:
     """Viscous friction a thousand times too large to begin with."""
     lost = notes(followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous)))
     assert "5 standard deviations from what the joint was known by" in lost["diverged"]
+
+
+@pytest.mark.parametrize("away", [0.1, 10.0])
+def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins(away: float) -> None:
+    """Another motion of half a second, `away` rad from it, changes nothing of the torque noise that is found."""
+    run = simulate(rich(3), 5).samples
+    short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + away)
+    alone, after = (
+        follow("1", False, FOLLOWED, motions, RATE_HZ, NOISE.scaled(torque=1 / 3), 0.5, find_noise=True)
+        for motions in ([Motion(run, 0.0)], [Motion(short, 0.0), Motion(run, 1.0)])
+    )
+    assert after.noise == alone.noise
+    assert after.noise.torque == pytest.approx(TORQUE_STD, rel=0.2)
