@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import block_diag, csc_matrix, hstack
-from scipy.sparse.linalg import splu
+from scipy.sparse import block_diag, csc_matrix, diags, hstack, vstack
+from scipy.sparse.linalg import SuperLU, splu
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import FitError
@@ -157,34 +157,26 @@ def _descend(problem: _Problem, search: _Search, iterations: int) -> _Search:
 
 @dataclass(frozen=True)
 class _System:
-    """Normal equations at a point: A (states), B (n_states, 6), C (6, 6), and their right sides."""
+    """Normal equations N d = g for changes d of the states of all intervals, then of ln p; infinite cost: none."""
 
     cost: float
-    A: csc_matrix
-    B: FloatArray
-    C: FloatArray
-    a: FloatArray
-    c: FloatArray
-
-    @classmethod
-    def nowhere(cls, K: int) -> _System:
-        """Of a point at which K intervals cannot be simulated: its cost is infinite."""
-        n, n_p = K * len(STATES), len(FRICTION)
-        empty = np.zeros((n, n_p))
-        return cls(np.inf, csc_matrix((n, n)), empty, np.eye(n_p), empty[:, 0], np.zeros(n_p))
+    N: csc_matrix
+    g: FloatArray
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Changes of ln p (6,) and of the states (K, 5)."""
-        diagonal = self.A.diagonal()
-        factor = splu((self.A + damping * csc_matrix((diagonal, (range(len(diagonal)),) * 2))).tocsc())
-        AB, Aa = factor.solve(self.B), factor.solve(self.a)
-        S = self.C + damping * np.diag(np.diag(self.C)) - self.B.T @ AB
-        dp = np.linalg.solve(S, self.c - self.B.T @ Aa)
-        return dp, (Aa - AB @ dp).reshape(-1, len(STATES))
+        d = _factor(self.N + damping * diags(self.N.diagonal())).solve(self.g)
+        return d[-len(FRICTION) :], d[: -len(FRICTION)].reshape(-1, len(STATES))
 
     def covariance(self) -> FloatArray:
         """Of ln p (6, 6), the states eliminated."""
-        return np.asarray(np.linalg.inv(self.C - self.B.T @ splu(self.A).solve(self.B)))
+        last = np.eye(len(self.g))[:, -len(FRICTION) :]
+        return np.asarray(_factor(self.N).solve(last)[-len(FRICTION) :])
+
+
+def _factor(N: csc_matrix) -> SuperLU:
+    """Factors of a positive definite matrix; its order, intervals one after the other and then ln p, has no fill."""
+    return splu(csc_matrix(N), permc_spec="NATURAL", diag_pivot_thresh=0.0)
 
 
 @dataclass(frozen=True)
@@ -251,39 +243,25 @@ class _Problem:
         try:
             root = np.linalg.inv(np.linalg.cholesky(W[:-1]))
         except np.linalg.LinAlgError:
-            return _System.nowhere(K)
-        seen = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
+            return _System(np.inf, csc_matrix((0, 0)), np.zeros(0))
+        angle = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
         gap = np.einsum("kij,kj->ki", root, X[1:] - Y[:-1, INTERVAL:])
-        by_seen, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
+        by_angle, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
         far = p - self.prior.mean
-        cost = float(np.sum(seen**2) + np.sum(gap**2) + far @ self.prior.information @ far)
+        cost = float(np.sum(angle**2) + np.sum(gap**2) + far @ self.prior.information @ far)
         if not np.isfinite(cost):
-            return _System.nowhere(K)
-        # Residuals fall along J dx; the next interval's state enters its gap with the opposite sign.
-        own = by_seen.transpose(0, 2, 1) @ by_seen
-        own[:-1] += by_gap.transpose(0, 2, 1) @ by_gap
-        right = np.einsum("kij,ki->kj", by_seen, seen)
-        right[:-1] += np.einsum("kij,ki->kj", by_gap, gap)
-        A = block_diag(list(own[:, :n_x, :n_x]), format="csc")
-        nexts = root.transpose(0, 2, 1) @ root
-        later = block_diag([np.zeros((n_x, n_x)), *nexts], format="csc")
-        cross = block_diag(list(-by_gap[:, :, :n_x].transpose(0, 2, 1) @ root), format="csc")
-        upper = _shifted(cross, K, n_x)
-        B = own[:, :n_x, n_x:].reshape(-1, n_p)
-        B = B + np.concatenate([np.zeros((n_x, n_p)), (-root.transpose(0, 2, 1) @ by_gap[:, :, n_x:]).reshape(-1, n_p)])
-        a = right[:, :n_x].ravel()
-        a = a + np.concatenate([np.zeros(n_x), -np.einsum("kij,ki->kj", root, gap).ravel()])
-        C = own[:, n_x:, n_x:].sum(axis=0) + self.prior.information
-        c = right[:, n_x:].sum(axis=0) - self.prior.information @ far
-        return _System(cost, csc_matrix(A + later + upper + upper.T), B, C, a, c)
-
-
-def _shifted(cross: csc_matrix, K: int, n_x: int) -> csc_matrix:
-    """The blocks (k, k + 1) of a matrix of K blocks, from those of a block diagonal one of K - 1."""
-    empty = csc_matrix((cross.shape[0], n_x))
-    wide = hstack([empty, cross], format="csr")
-    wide.resize((K * n_x, K * n_x))
-    return csc_matrix(wide)
+            return _System(np.inf, csc_matrix((0, 0)), np.zeros(0))
+        # Residuals fall along A d; the next interval's state enters its gap with the opposite sign.
+        own, following = block_diag(by_gap[:, :, :n_x]), block_diag(root)
+        none = csc_matrix(((K - 1) * n_x, n_x))
+        A = vstack([
+            hstack([block_diag(by_angle[:, :, :n_x]), by_angle[:, :, n_x:].reshape(-1, n_p)]),
+            hstack([hstack([own, none]) - hstack([none, following]), by_gap[:, :, n_x:].reshape(-1, n_p)]),
+        ]).tocsc()  # fmt: skip
+        known = block_diag([csc_matrix((K * n_x, K * n_x)), self.prior.information])
+        g = A.T @ np.concatenate([angle.ravel(), gap.ravel()])
+        g[-n_p:] -= self.prior.information @ far
+        return _System(cost, csc_matrix(A.T @ A + known), g)
 
 
 @frozen_value
