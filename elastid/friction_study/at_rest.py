@@ -65,7 +65,7 @@ class AtRest:
     """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2); points: each amplitude.
 
     break_away: F_s = sigma_0 z_s, Nm, as slip tells it; None where it does not show.  inertia: of a rigid joint.
-    falls: whether the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
+    falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
     """
 
     sigma_0: float
@@ -217,7 +217,7 @@ def reaction(omega: FloatArray, joint: ElasticJoint) -> ComplexArray:
 
 
 def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
-    """Whether amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
+    """True if amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
     extra = shared.dof - own.dof
     if extra == 0:
         return False

@@ -1,4 +1,4 @@
-r"""The joint that a filter follows, and one sample of its states.
+r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, run over a log in pieces of any number.
 
 .. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
@@ -7,9 +7,7 @@ on one side of the gear: LuGre's bristles z, the torque g of gravity as a model 
 of the torque that is correlated in time. Without a spring both inertias move as one. What is followed are constants
 that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
 
-The noise that a filter reckons with.
-
-One sample of an extended Kalman filter, as a CasADi function.
+One sample of the filter is a CasADi function:
 
 .. math::
    x^- = a(x, u, g), \quad P^- = F P F^T + Q, \qquad
@@ -20,8 +18,6 @@ with F the Jacobian of a and h that of the measured angle; the update is Joseph'
 noise of the torques, through the step's own Jacobian, the drift of what is followed, and the slip of the bristle:
 (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for certain,
 while one that slides by more than z_s in a sample has it at its end.
-
-A filter run over a log, in pieces of any number.
 """
 
 from __future__ import annotations
@@ -75,7 +71,7 @@ class FollowedJoint:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether motor and link move apart."""
+        """True if motor and link move apart."""
         return self.stiffness > 0
 
     @property
@@ -241,7 +237,7 @@ class JointSamples:
 
 @frozen_value
 class Estimate:
-    """What a filter knows after a sample: states x (n,) and their covariance P (n, n)."""
+    """State of a filter after a sample: states x (n,) and their covariance P (n, n)."""
 
     x: FloatArray
     P: FloatArray

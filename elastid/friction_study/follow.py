@@ -1,6 +1,6 @@
 r"""A joint's friction followed over its motions, one after the other, and the judgement of the filter.
 
-Between two motions the joint stands somewhere: angle, velocity and bristle begin anew, while what is followed goes on,
+Between two motions the joint stands somewhere: angle, velocity and bristle start again, while what is followed goes on,
 its covariance grown by the drift of the time between.
 """
 
@@ -61,7 +61,7 @@ class Motion:
 
 @frozen_value
 class FollowedFriction:
-    """What a filter knows of a joint over time_s (m,): values, low, high (m, p) of what is followed, 95 % bands.
+    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of what is followed, 95 % bands.
 
     unknown (m, p): where the motion has told nothing of a number, so that it is held.  nis (m,): mean up to each time
     since the one before.  torque_std: of white noise, found or given.
@@ -183,7 +183,7 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
 
 
 def _notes(name: str, track: Track, judged: Consistency, weakest: Direction, prior: FloatArray) -> tuple[Note, ...]:
-    """What an engineer must hear of a filter before its bands are believed."""
+    """Warnings to be read before the bands of a filter are believed."""
     place = f"joint {name}"
     return (*_excitation(place, track, weakest, prior), *_divergence(place, track, prior), *_noise(place, judged))
 
@@ -205,7 +205,7 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
 
 
 def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
-    """Numbers that ended where nobody expected them."""
+    """Numbers that ended far outside of their prior."""
     names = track.joint.followed
     p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
     for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > DIVERGED_STDS * prior):

@@ -1,10 +1,8 @@
 """Levels and records of a friction study -> the friction of each joint: law, presliding, warm-up, table of numbers.
 
-The law of a joint as a whole, as a robot's file has it: sliding from passes or a motion, bristles before it.
-
-What the records of a joint that does not slide yet tell: Maxwell slip of loops, bristles at rest, LuGre by shooting.
-
-A part that fails leaves a note in its place: the rest of the friction does not depend on it.
+The law of a joint as a whole, as a robot's file has it, has sliding from passes or a motion, and before it Maxwell slip
+from loops, bristles from responses at rest, or LuGre friction by multiple shooting. A part that fails leaves a note in
+its place: the rest of the friction does not depend on it.
 """
 
 from __future__ import annotations

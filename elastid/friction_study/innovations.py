@@ -1,4 +1,4 @@
-r"""Whether a filter's innovations are what it expects: the tests that must be passed before a band is believed.
+r"""Tests of the innovations of an extended Kalman filter, to be passed before a band is believed; its noise from them.
 
 .. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
           \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
@@ -54,12 +54,12 @@ class Consistency:
 
     @property
     def is_white(self) -> bool:
-        """Whether innovations are hardly correlated from sample to sample."""
+        """True if innovations are barely correlated from sample to sample."""
         return bool(abs(self.autocorrelation[1]) < MAX_CORRELATION)
 
     @property
     def is_honest(self) -> bool:
-        """Whether innovations are as large as expected, at stops too, and white."""
+        """True if innovations are as large as expected, at stops too, and white."""
         means = [self.nis] if np.isnan(self.nis_at_stops) else [self.nis, self.nis_at_stops]
         return self.is_white and all(NIS_BAND[0] <= mean <= NIS_BAND[1] for mean in means)
 

@@ -5,7 +5,7 @@ Logs of motions -> for each joint the regression of its motions, and the passes 
 A joint that moved alone is regressed with its inertia and gravity, joints that moved together beside the rigid body
 that they carry; the passes of the latter are free of it.
 
-What the robot's file knows of a joint alone: whether gravity turns against it, and its inertia.
+Of a joint alone the robot's file has gravity and inertia, to which logs are compared:
 
 .. math:: J = J_m n^2 + M_{jj}(q)
 
@@ -259,7 +259,7 @@ def check_torques(
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
-    """Whether the torque of gravity at a joint changes with its angle, the others held; of a robot with loops yes."""
+    """True if the torque of gravity at a joint changes with its angle, the others held; of a robot with loops yes."""
     if joint.slides:
         return False
     if robot.loops:

@@ -1,6 +1,6 @@
 """StaticLaw: what was identified of the sliding friction of one place, as numbers of a robot's file.
 
-The parts of the law that levels can tell, one after the other, and for each other part why not and what would.
+Parts of the law are added one after the other where levels show them; each other part is listed with the reason.
 """
 
 from __future__ import annotations
@@ -12,31 +12,12 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.units import of_translation
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_curve
 from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
-
-# Units of the numbers, of a place that turns.
-UNITS = {
-    "coulomb": "N*m",
-    "stiction": "N*m",
-    "viscous": "N*m*s/rad",
-    "quadratic": "N*m*s^2/rad^2",
-    "stribeck_velocity": "rad/s",
-    "exponent": "",
-    "load.coulomb": "",
-    "load.stiction": "",
-    "load.stribeck_velocity": "rad/s",
-    "temperature.stiction": "N*m/K",
-    "temperature.stribeck_velocity": "rad/(s*K)",
-    "temperature.viscous": "N*m*s/rad",
-    "temperature.decay": "K",
-    "directions.coulomb": "N*m",
-    "directions.viscous": "N*m*s/rad",
-}
+from elastid.robot.friction_numbers import TERMS
 
 
 @dataclass(frozen=True)
@@ -89,7 +70,7 @@ class StaticLaw:
         for name, value, std in zip(
             self.names, self.values.values(), np.sqrt(np.diag(self.covariance)).tolist(), strict=True
         ):
-            unit = of_translation(UNITS[name]) if self.levels.slides and UNITS[name] else UNITS[name]
+            unit = TERMS[name].unit_at(self.levels.slides)
             low, high = value - reach * std, value + reach * std
             found.append(Number(name, unit, value, std, low, high, self._learnt_from(name)))
         return tuple(found)
@@ -177,7 +158,7 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 # A number wider than this share of itself (95 % of a normal distribution: it may as well be 0) is not known.
 MAX_RELATIVE_STD = 0.5
-# Reasons of parts that are not missing: nobody looked for them, or the data show that they are not there.
+# Reasons of parts that are not missing: they were not asked for, or the data show that they are not there.
 NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
 # Conditions closer than this are one: in K, and as a share of the largest load.
 TEMPERATURE_STEP_K, LOAD_STEP = 2.0, 0.05
@@ -197,7 +178,7 @@ class Held:
 class _Part:
     """Numbers that come together: how they enter the terms, and why the conditions cannot tell them ("" if they can).
 
-    is_tested: by F.  Not so a number that would otherwise be held at one that nobody measured: it is free where it can
+    is_tested: by F.  Not so a number that would otherwise be held at one that was not measured: it is free where it can
     be told at all, since the intervals of the others would not hold the truth.
     """
 

@@ -42,7 +42,7 @@ class Optimum:
     @property
     def dof(self) -> int:
         """Residuals more than unknowns."""
-        return self.J.shape[0] - self.J.shape[1]
+        return len(self.J) - len(self.x)
 
     @property
     def condition(self) -> float:

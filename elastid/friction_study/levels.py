@@ -1,14 +1,13 @@
-"""Levels: what friction takes at steady sliding, one number for each speed, direction, load and temperature.
+"""Levels of friction from passes there and back: one number for each speed, direction, load and temperature.
 
-Levels of friction from passes there and back, one for each speed, load and temperature.
-
-Levels of passes under several loads: gravity, inertia and offset are those of each load, friction is one curve.
+Under several loads gravity, inertia and offset are those of each load; friction is one curve.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,9 @@ from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
+
+# Columns (n,) of levels.
+COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")
 
 
 @frozen_value
@@ -46,7 +48,7 @@ class Levels:
 
     def __post_init__(self) -> None:
         """Check shapes and signs."""
-        columns = (self.speed, self.direction, self.torque, self.std, self.load, self.temperature)
+        columns = [getattr(self, name) for name in COLUMNS]
         if len({column.shape for column in columns}) != 1 or self.speed.ndim != 1:
             raise ValueError(f"levels of {self.place}: shapes {[column.shape for column in columns]} are not all (n,)")
         for name, column in (("speed", self.speed), ("std", self.std)):
@@ -74,18 +76,11 @@ class Levels:
 
     def select(self, chosen: BoolArray) -> Levels:
         """The conditions that are chosen (n,)."""
-        return replace(
-            self,
-            speed=self.speed[chosen],
-            direction=self.direction[chosen],
-            torque=self.torque[chosen],
-            std=self.std[chosen],
-            load=self.load[chosen],
-            temperature=self.temperature[chosen],
-        )
+        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in COLUMNS}
+        return replace(self, **columns)
 
 
-# A level wider than this says nothing of friction.
+# A level wider than this share of itself says nothing of friction.
 MAX_RELATIVE_STD = 0.2
 # Pairs are of one condition where their speeds are as close as this share, and their temperatures as these kelvins.
 SAME_SPEED, SAME_KELVIN = 0.03, 2.0
@@ -202,7 +197,7 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Conditi
 def _uneven(
     o: FloatArray, covariance: FloatArray, conditions: Sequence[_Condition]
 ) -> tuple[FloatArray, tuple[float, float]]:
-    """What friction is larger in the positive direction at each speed (n_k,), and the offset with its std.
+    """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
 
     A slope of o over speed counts where an F test finds it; without one all of o is an offset.
     """
@@ -297,11 +292,5 @@ def _of_both_ways(levels: Levels) -> Levels:
 
 def _joined(levels: Sequence[Levels]) -> Levels:
     """All levels one after the other."""
-
-    def column(name: str) -> FloatArray:
-        return np.concatenate([getattr(one, name) for one in levels])
-
-    return Levels(
-        levels[0].place, column("speed"), column("direction"), column("torque"), column("std"), column("load"),
-        column("temperature"), levels[0].slides,
-    )  # fmt: skip
+    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
+    return replace(levels[0], **columns)

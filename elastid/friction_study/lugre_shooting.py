@@ -7,10 +7,9 @@ The log is cut into intervals of a few samples, each simulated from a state of i
 
 W_k is the covariance that torque noise gives the end of an interval: without gaps the output error drifts by far more
 than the encoder's noise, so that the gaps are the noise model and no numerical trick. Gauss-Newton over ln p and all
-states, the states eliminated interval by interval through the sparse normal equations. (Bock, Recent advances in
+states, by one sparse factorisation of the normal equations a step: SciPy's searches take a dense Jacobian, or an
+iterative solver that these states of unlike sizes make slow. (Bock, Recent advances in
 parameter identification techniques for ODE, 1983.) The last term is what passes have told of the static numbers.
-
-What is known of a LuGre law before its joint is moved through presliding: static numbers, bristles at rest.
 """
 
 from __future__ import annotations
@@ -297,7 +296,7 @@ class Prior:
         return cls.of({"sigma_0": found.sigma_0, "sigma_1": found.sigma_1}, found.covariance)
 
     def with_other(self, other: Prior) -> Prior:
-        """What both know of different numbers."""
+        """The knowledge of both, of different numbers."""
         return Prior(self.mean + other.mean, self.information + other.information)
 
     @property

@@ -2,12 +2,9 @@ r"""Inertia and friction of one axis from any motion of it: torque regressed on 
 
 .. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, \mathrm{sgn}\, \dot q + G \cos q + H \sin q + o
 
-Both sides are filtered as in `motion_signals`; the residuals of a real axis are not white, which the covariance of
-`equations` knows.
+The residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
 
-A log of one axis, and its derivatives and equation behind filters.
-
-Both sides of an equation pass the same low-pass filter, forward and backward, and are thinned to twice its band, so
+Both sides of the equation pass the same low-pass filter, forward and backward, and are thinned to twice its band, so
 that filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE
 ICRA 1997).
 """
@@ -24,10 +21,10 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.base.statistics import f_test
-from elastid.base.units import of_translation
 from elastid.friction_study.laws import MIN_SPEEDS, Held
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.plateaus import Plateau, distinct_speeds, find_plateaus
+from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides, and that of the position before it is differentiated, as a multiple of it.
 PASSBAND_HZ, DERIVATIVE_BAND = 20.0, 3.0
@@ -113,22 +110,11 @@ class MotionSignals:
         return find_plateaus(self.velocity, self.acceleration, self.rate_hz)
 
     def moves(self, direction: int) -> bool:
-        """Whether it moves that way (1, -1), more than noise does."""
+        """True if it moves that way (1, -1), more than noise does."""
         inside = self.velocity[self.kept.start : self.kept.stop]
         return bool(np.mean(direction * inside > MOVING_SHARE * np.abs(inside).max()) > MOVING_SHARE)
 
 
-# Number: unit of a place that turns.
-UNITS = {
-    "inertia": "kg*m^2",
-    "coulomb": "N*m",
-    "viscous": "N*m*s/rad",
-    "directions.coulomb": "N*m",
-    "directions.viscous": "N*m*s/rad",
-    "gravity.cos": "N*m",
-    "gravity.sin": "N*m",
-    "offset": "N*m",
-}
 # Numbers of what is no friction.
 RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
 
@@ -158,9 +144,9 @@ class MotionFriction:
 
     def unit(self, name: str) -> str:
         """Of a number."""
-        if not self.motion.slides:
-            return UNITS[name]
-        return "kg" if name == "inertia" else of_translation(UNITS[name])
+        if name == "inertia":
+            return "kg" if self.motion.slides else "kg*m^2"
+        return TERMS["coulomb" if name in RIGID else name].unit_at(self.motion.slides)
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
@@ -199,7 +185,7 @@ def rigid_torque(found: MotionFriction, signals: MotionSignals, torque: FloatArr
 
 @frozen_value
 class MotionSamples:
-    """What a regression makes of a motion, behind the filter of both sides, thinned and without the ends, (n,) each.
+    """A motion and its regression, behind the filter of both sides, thinned and without the ends, (n,) each.
 
     torque: measured.  regressed: by all numbers.  friction: the torque less what is neither Coulomb nor viscous.
     """
@@ -239,7 +225,7 @@ def refuse_driving(place: str, friction: Regression) -> None:
 
 
 def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
-    """What a motion with these plateaus cannot tell."""
+    """Parts of the law that a motion with these plateaus cannot tell."""
     speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
     held = (
         Held("temperature", "a regression of motions has none; measure passes cold and warm, and log the temperature"),

@@ -1,13 +1,13 @@
 r"""Faults of passes that would be taken for friction: clipped torques, loads that are no loads, offsets that move.
 
-Friction that changes with the angle of its joint, by what passes there and back differ in at the same angles.
+Friction that changes with the angle of its joint is found by the difference of passes there and back at the same angle.
 
 .. math:: h(q) = \frac{u_{there}(q) - u_{back}(q)}{2} - J \frac{a_{there} - a_{back}}{2}
 
 is friction alone: gravity, ripple and offsets of the torque are alike in both directions. Of each pair h over its mean
 is fitted by Legendre polynomials of the angle; shapes that all pairs have in common are no noise.
 
-Loops before sliding against the counts of the encoder that sees them.
+Loops before sliding are compared with the counts of the encoder.
 """
 
 from __future__ import annotations

@@ -12,8 +12,6 @@ speed that was measured, not at the one that was commanded.
 A level's variance comes from how pairs of the same speed scatter, and within a pair from the autocovariance of the
 residuals of all passes. Ripple that the regression has not would be taken for such noise, so harmonics that stand out
 of the residuals are taken into it. Rows are means of a few samples: noise that is white loses nothing by it.
-
-The passes of a record: its plateaus with velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ class Pass:
 
     @property
     def turns_back(self) -> bool:
-        """Whether the velocity changes its sign: the joint sticks and slips, or stands."""
+        """True if the velocity changes its sign: the joint sticks and slips, or stands."""
         return bool(np.any(self.velocity * self.direction <= 0))
 
 

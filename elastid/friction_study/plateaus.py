@@ -1,12 +1,10 @@
-"""Plateaus: the parts of a motion in which it slides steadily, whatever the motion was made for.
-
-Passes in any motion: its plateaus, there and back at one speed, as pairs.
-"""
+"""Plateaus of any motion, the parts in which it slides steadily, and passes: plateaus there and back at one speed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -147,27 +145,15 @@ def _belong(record: FrictionRecord, one: Plateau, other: Plateau, has_gravity: b
 def _cut(record: FrictionRecord, there: Plateau, back: Plateau, number: int) -> FrictionRecord:
     beside = round(BESIDE_S * record.rate_hz)
     start, stop = max(0, there.start - beside), min(len(record.position), back.stop + beside)
-    part = slice(start, stop)
-
-    def cut(signal: FloatArray | None) -> FloatArray | None:
-        return None if signal is None else signal[part]
-
+    names = ("position", "torque", "velocity", "temperature", "reference", "link_position")
+    logged = {name: getattr(record, name) for name in names}
+    signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
     return replace(
-        record,
-        name=f"{record.name}-{number}",
-        purpose="passes",
-        position=record.position[part],
-        torque=record.torque[part],
-        velocity=cut(record.velocity),
-        temperature=cut(record.temperature),
-        reference=cut(record.reference),
-        link_position=cut(record.link_position),
-        there=(there.start - start, there.stop - start),
-        back=(back.start - start, back.stop - start),
-        speed=(abs(there.velocity) + abs(back.velocity)) / 2,
-        start_s=record.start_s + start / record.rate_hz,
-        notes=(),
-    )
+        record, **signals,
+        name=f"{record.name}-{number}", purpose="passes", there=(there.start - start, there.stop - start),
+        back=(back.start - start, back.stop - start), speed=(abs(there.velocity) + abs(back.velocity)) / 2,
+        start_s=record.start_s + start / record.rate_hz, notes=(),
+    )  # fmt: skip
 
 
 def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:

@@ -8,18 +8,18 @@ The friction of a simulated robot, at the conditions at which the identified num
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import index_of
 from elastid.base.note import Note
 from elastid.base.numbers import digits, interval_of, number
 from elastid.base.statistics import QUANTILE_95
-from elastid.base.units import of_translation
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
@@ -29,7 +29,7 @@ from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Friction, Robot
-from elastid.robot.friction_numbers import TERMS, friction_numbers, law_of
+from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
 # partly: stiction of some joint cannot be told, or nothing of it.  failed: no friction of any joint.
 Status: TypeAlias = Literal["identified", "partly", "failed"]
@@ -57,7 +57,7 @@ class FrictionNumber:
 
 @dataclass(frozen=True)
 class JointLevels:
-    """What stage `levels` leaves of one joint: levels of its passes, the regression of its motion, or both.
+    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
 
     example: a pass with the torque that the regression gives it, for the figure over the angle.
     """
@@ -99,7 +99,7 @@ class JointFriction:
 
     @property
     def missing(self) -> tuple[Held, ...]:
-        """What a law of friction has and these data cannot tell: stiction, or friction at all."""
+        """Parts of a law of friction that these data cannot tell: stiction, or friction at all."""
         if self.friction is None:
             return (Held("friction", "the data tell no law that a contact can have"),)
         return tuple(
@@ -139,119 +139,112 @@ class FrictionResult:
 
 
 Truth = Mapping[str, float]
-# Numbers of a regression that are no friction: beginning of the name, symbol, meaning, unit of what turns.
-OTHERS = {
-    "inertia": ("J", "J", "inertia", "kg*m^2"),
-    "offset": ("o", "o", "offset of the torque", "N*m"),
-    "gravity.cos": ("G", "G", "gravity, cos q", "N*m"),
-    "gravity.sin": ("H", "H", "gravity, sin q", "N*m"),
+# Numbers of a regression that are no friction.
+RIGID_TERMS = {
+    "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
+    "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
+    "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
+    "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
 }
-DIRECTED = ("coulomb", "viscous")
 
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    slides, rows = law.levels.slides, {number.name: number for number in law.numbers}
+    rows = {number.name: number for number in law.numbers}
     reach = (law.numbers[0].high - law.numbers[0].value) / law.numbers[0].std
-    for own in rows.values():
-        term = TERMS[own.name]
-        name = term.name(joint)
-        yield FrictionNumber(
-            name, term.symbol, term.meaning, own.unit, own.value, own.std, own.low, own.high,
-            own.learnt_from, truth.get(name),
-        )  # fmt: skip
-    names = list(law.names)
-    for name in DIRECTED:
-        if f"directions.{name}" in rows and name in rows:
-            pair = [names.index(name), names.index(f"directions.{name}")]
-            values = np.array([law.values[names[i]] for i in pair])
-            covariance = law.covariance[np.ix_(pair, pair)]
-            yield from _directed(joint, name, slides, values, covariance, reach, rows[name].learnt_from)
+    for name, row in rows.items():
+        yield _number(joint, TERMS[name], row.unit, (row.value, row.std, row.low, row.high), row.learnt_from, truth)
+    values = np.array(list(law.values.values()))
+    yield from _directed(
+        joint, law.names, values, law.covariance, law.levels.slides, reach, rows["coulomb"].learnt_from
+    )
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the regression of a motion."""
-    fit, slides = motion.chosen, motion.motion.slides
+    fit, terms = motion.chosen, TERMS | RIGID_TERMS
     learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
     for name, value in zip(fit.names, fit.values.tolist(), strict=True):
-        term = TERMS.get(name)
-        prefix, symbol, meaning, _ = OTHERS.get(name, ("", "", "", ""))
-        if term is not None:
-            key, symbol, meaning = term.name(joint), term.symbol, term.meaning
-        else:
-            key = f"{prefix}_m{joint}"
         std = fit.std(name)
-        low, high = value - QUANTILE_95 * std, value + QUANTILE_95 * std
-        yield FrictionNumber(key, symbol, meaning, motion.unit(name), value, std, low, high, learnt, truth.get(key))
-    for name in DIRECTED:
-        if name in fit.names and f"directions.{name}" in fit.names:
-            pair = [fit.names.index(name), fit.names.index(f"directions.{name}")]
-            covariance = fit.covariance[np.ix_(pair, pair)]
-            yield from _directed(joint, name, slides, fit.values[pair], covariance, QUANTILE_95, learnt)
+        yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
+    yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
 
 
 def numbers_at_rest(joint: str, found: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    learnt = f"responses at rest, {len(found.points)} amplitudes"
-    std = np.sqrt(np.diag(found.covariance))
-    for key, value, error in (("stiffness", found.sigma_0, std[0]), ("damping", found.sigma_1, std[1])):
-        low, high = value - QUANTILE_95 * float(error), value + QUANTILE_95 * float(error)
-        yield _bristle(joint, key, value, float(error), (low, high), slides, learnt, truth)
+    learnt, std = f"responses at rest, {len(found.points)} amplitudes", np.sqrt(np.diag(found.covariance)).tolist()
+    for key, value, error in zip(("stiffness", "damping"), (found.sigma_0, found.sigma_1), std, strict=True):
+        term = TERMS[f"lugre.{key}"]
+        row = (value, error, *_ends(value, error))
+        yield _number(joint, term, term.unit_at(slides), row, learnt, truth)
 
 
 def numbers_of_bristles(joint: str, found: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """The same by multiple shooting."""
     for key, name in (("stiffness", "sigma_0"), ("damping", "sigma_1")):
-        value, ends = found.values[name], found.interval(name)
-        std = value * math.log(ends[1] / value) / QUANTILE_95
-        yield _bristle(joint, key, value, std, ends, slides, "loops, by multiple shooting", truth)
+        value, ends, term = found.values[name], found.interval(name), TERMS[f"lugre.{key}"]
+        row = (value, value * math.log(ends[1] / value) / QUANTILE_95, *ends)
+        yield _number(joint, term, term.unit_at(slides), row, "loops, by multiple shooting", truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
-    n = len(model.time_constants)
-    read = int(np.isfinite(warm_up.readings).sum())
-    learnt = (
-        f"{read} readings, {len(warm_up.level)} test passes in {(warm_up.time_s[-1] - warm_up.time_s[0]) / 60:.3g} min"
-    )
-    for i, T in enumerate(model.time_constants.tolist()):
-        std = T * float(model.log_std[1 + i])
-        name = f"Tc{i + 1 if n > 1 else ''}_m{joint}"
-        yield FrictionNumber(name, "C / h", "time constant of warming", "s", T, std, *_by_log(T, std), learnt)
+    n, read = len(model.time_constants), int(np.isfinite(warm_up.readings).sum())
+    minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
+    learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
+    rows = [
+        (
+            f"Tc{i + 1 if n > 1 else ''}_m{joint}",
+            "C / h",
+            "time constant of warming",
+            "s",
+            T,
+            float(model.log_std[1 + i]),
+        )
+        for i, T in enumerate(model.time_constants.tolist())
+    ]
     if model.scale == "kelvin":
-        std = model.h * float(model.log_std[0])
-        yield FrictionNumber(f"h_m{joint}", "h", "heat given off", "W/K", model.h, std, *_by_log(model.h, std), learnt)
+        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, float(model.log_std[0])))
+    for name, symbol, meaning, unit, value, log_std in rows:
+        std = value * log_std
+        reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
+        yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
 
 
-def _by_log(value: float, std: float) -> tuple[float, float]:
-    """Ends of a 95 % interval that is symmetric in the logarithm."""
-    reach = math.exp(QUANTILE_95 * std / value)
-    return value / reach, value * reach
+def _ends(value: float, std: float) -> tuple[float, float]:
+    """Of a 95 % interval of a normal distribution."""
+    return value - QUANTILE_95 * std, value + QUANTILE_95 * std
 
 
-def _bristle(
-    joint: str, key: str, value: float, std: float, ends: tuple[float, float], slides: bool, learnt: str, truth: Truth
+def _number(
+    joint: str, term: FrictionTerm, unit: str, row: tuple[float, float, float, float], learnt: str, truth: Truth
 ) -> FrictionNumber:
-    term = TERMS[f"lugre.{key}"]
+    """A row (value, std, low, high) of the table."""
     name = term.name(joint)
-    return FrictionNumber(
-        name, term.symbol, term.meaning, term.unit_at(slides), value, std, *ends, learnt, truth.get(name)
-    )
+    return FrictionNumber(name, term.symbol, term.meaning, unit, *row, learnt, truth.get(name))
 
 
 def _directed(
-    joint: str, name: str, slides: bool, values: np.ndarray, covariance: np.ndarray, reach: float, learnt: str
+    joint: str,
+    names: Sequence[str],
+    values: FloatArray,
+    covariance: FloatArray,
+    slides: bool,
+    reach: float,
+    learnt: str,
 ) -> Iterator[FrictionNumber]:
-    """Forwards and backwards: mean and half difference, summed and subtracted."""
-    term = TERMS[name]
-    for sign, mark, word in ((1.0, "+", "forwards"), (-1.0, "-", "backwards")):
-        a = np.array([1.0, sign])
-        value, std = float(a @ values), float(np.sqrt(a @ covariance @ a))
-        unit = of_translation(term.unit) if slides else term.unit
-        yield FrictionNumber(
-            f"{term.name(joint)}{mark}", f"{term.symbol}{mark}", f"{term.meaning} {word}", unit, value, std,
-            value - reach * std, value + reach * std, learnt,
-        )  # fmt: skip
+    """Coulomb and viscous friction forwards and backwards: mean and half difference, summed and subtracted."""
+    for name in ("coulomb", "viscous"):
+        if name not in names or f"directions.{name}" not in names:
+            continue
+        term, pair = TERMS[name], [names.index(name), names.index(f"directions.{name}")]
+        for sign, mark, word in ((1.0, "+", "forwards"), (-1.0, "-", "backwards")):
+            a = np.array([1.0, sign])
+            value, std = float(a @ values[pair]), float(np.sqrt(a @ covariance[np.ix_(pair, pair)] @ a))
+            yield FrictionNumber(
+                f"{term.name(joint)}{mark}", f"{term.symbol}{mark}", f"{term.meaning} {word}", term.unit_at(slides),
+                value, std, value - reach * std, value + reach * std, learnt,
+            )  # fmt: skip
 
 
 def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:

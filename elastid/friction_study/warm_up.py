@@ -10,8 +10,6 @@ exact over a step of constant power. A gear that warms beside its motor is a sec
 Known: readings of a thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature
 must be known; where it is not, kelvins cannot be known either, and the levels at each test speed follow a relative
 temperature u, 1 where the largest power would lead: level = c_0 + c_1 u + c_2 u^2.
-
-The log of a warm-up and its test passes -> the data of the thermal model.
 """
 
 from __future__ import annotations
@@ -264,10 +262,8 @@ def _common(pair: Sequence[Pass]) -> list[Pass]:
     if high <= low:
         return list(pair)
     inside = [(each.position >= low) & (each.position <= high) for each in pair]
+    names = ("position", "velocity", "acceleration", "torque")
     return [
-        replace(
-            each, position=each.position[own], velocity=each.velocity[own], acceleration=each.acceleration[own],
-            torque=each.torque[own],
-        )
+        replace(each, **{name: getattr(each, name)[own] for name in names})
         for each, own in zip(pair, inside, strict=True)
-    ]  # fmt: skip
+    ]

@@ -1,24 +1,21 @@
-r"""Friction at the motors, found in the records of a frequency response and taken out of their torque.
+r"""Effects of gears and motors that are not linear, found in multisine records and taken out of them.
 
-.. math:: u_{net} = u - \sum_i f_i \phi_i(q, \dot q), \qquad Y = G\, U_{net}
+.. math:: Y(k) = G(k)\, U(k) + \sum_i f_i\, H_i(k)\, \Phi_i(k)
 
-q: measured angle of the motor.  Between independent realisations G must be the same; the levels f_i are those for which
-it is.
+Phi_i: spectrum of a known function of measured motions, at a place with the transfer H_i; f_i: its level. Between
+independent realisations G must be the same; the levels are those for which it is. Friction at the motors is the case
+of Phi_i = phi(q, q') of a motor's angle, H_i = -G e_j: it is taken out of the torque, u_net = u - sum f_i phi_i.
 
-- find:         all of it, from the records of a measurement
-- motion:       angle and velocity of a motor between its samples
-- operators:    bristles along a motion, means over its cells
-- shapes:       phi_i, and their spectra
-- candidates:   which shapes are tried, and when none can be found
-- limits:       motors that stick, motors and torques that friction is not found of
-- spectra:      torques, motions and shapes of all experiments of a configuration
-- levels:       f_i by regression, with covariance
-- selection:    which of the shapes, by cross-validation over realisations
-- alternatives: which others fit nearly as well, and what the choice adds to the covariance
-- choice:       both for all motors, rates of bristles among them
-- reversals:    motion of a motor with what its samples do not show, under the friction that was found
-- accelerance:  of the motors as inertias, above the excited lines
-- net_torque:   record -> record whose u is the net torque
-- result:       what was found and taken out
-- bias:         what friction that is left does to G beyond viscous friction
+A further effect is a kind of `shapes.Shape` at a place of its own: its transfer in `levels`, candidates in `choice`.
+
+- find:        all of it, from the records of a measurement
+- motion:      angle and velocity of a motor between its samples
+- reconstruct: its part above half the rate, by the friction that was found; accelerance of the motors as inertias
+- shapes:      phi_i, and their spectra
+- places:      shafts of coupled gears; motors and records in which friction cannot be found
+- spectra:     torques, motions and shapes of all experiments of a configuration
+- levels:      f_i by regression, with covariance
+- choice:      shapes by cross-validation over realisations, and others that fit nearly as well
+- take_out:    record -> record whose u is the net torque; responses with the levels' errors
+- result:      levels and shapes that were found and taken out
 """

@@ -1,12 +1,8 @@
-r"""The shapes of friction of all motors: those that are taken out, and those that fit nearly as well.
+r"""The shapes of friction of all motors, by cross-validation over realisations, and those that fit nearly as well.
 
-Which shapes of friction are tried, on the scale of the motors' own motion, and when none can be found.
-
-Which shapes of friction are taken out: by cross-validation over realisations, and only where it pays.
-
-Shapes that fit nearly as well as the chosen ones, and what the choice between them adds to the levels' covariance.
-
-With levels f ~ N(0, S), S = diag(s_i^2), the evidence of a set of shapes, their levels integrated out, is
+Candidates are on the scale of the motors' own motion; one is taken out only where it pays. The choice between shapes
+that fit nearly as well adds to the levels' covariance: with levels f ~ N(0, S), S = diag(s_i^2), the evidence of a set
+of shapes, their levels integrated out, is
 
 .. math:: \ln p = \tfrac12 b^T \hat f - \tfrac12 \ln \det(S H), \qquad H = A + S^{-1}, \quad \hat f = H^{-1} b
 
@@ -267,7 +263,7 @@ def _sets(chosen: list[int], candidates: list[int]) -> list[list[int]]:
 
 
 def _is_possible(A: FloatArray, b: FloatArray, shapes: list[int]) -> bool:
-    """Whether all levels are positive."""
+    """True if all levels are positive."""
     return bool(np.all(solve(A[np.ix_(shapes, shapes)], b[shapes]) > 0))
 
 

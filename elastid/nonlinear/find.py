@@ -38,7 +38,7 @@ def find_friction(
     planned: IntArray | None = None,
     execution: Execution | None = None,
 ) -> FrictionTakenOut:
-    """Friction in the records of all configurations, each of which is gone through several times, or read anew.
+    """Friction in the records of all configurations, each of which is gone through, or read, several times.
 
     Shapes are chosen along the motion that samples show, levels are found along that between the samples. Where it
     cannot be found nothing is taken out, and a note says why.  execution: of the configurations; the result does not
@@ -66,7 +66,7 @@ def find_friction(
 
 @dataclass(frozen=True)
 class _Look:
-    """What the motion that samples show tells: spectra of each configuration and the shapes that were chosen.
+    """Choice by the motion that samples show: spectra of each configuration and the shapes that were chosen.
 
     first: a record.  last: those of the last configuration.  limits: notes of what cannot be distinguished.
     """

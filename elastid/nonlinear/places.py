@@ -5,7 +5,7 @@ r"""Records on the shafts of motors whose gears couple the axes, and back to the
 q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
 the robot's matrix of couplings. Shafts keep the names of their motors.
 
-Where friction found in records ends: motors that stick, and motors whose torque is no input.
+Friction cannot be found at all places: motors stick, their torque is no input, or their velocity is noise.
 """
 
 from __future__ import annotations

@@ -10,18 +10,14 @@ Its samples are images in the record's y; they are taken out, and the part itsel
 depend on the motion; so q_high is a fixed point, which repetition alone reaches slowly, and not at all where friction
 is 0.3 of the torque. An error of a leaves as large a part of what is mended.
 
-Fixed points x = F(x) that repetition alone reaches slowly or never.
-
-Anderson's method: the next x is that combination of the last ones whose residuals F(x) - x nearly cancel,
+The fixed point is found by Anderson's method: the next x is that combination of the last ones whose residuals F(x) - x nearly cancel,
 
 .. math:: x_{k+1} = F(x_k) - \sum_i \gamma_i\, [F(x_{i+1}) - F(x_i)], \qquad
           \gamma = \arg\min \Big| r_k - \sum_i \gamma_i (r_{i+1} - r_i) \Big|, \quad r = F(x) - x
 
 (Anderson, J. ACM 12, 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
 
-Acceleration per torque of the motors as inertias, from lines above the excited ones.
-
-Friction and the loop move a motor at all lines, and above the resonances as an inertia on a spring whose other end
+The acceleration per torque a is that of lines above the excited ones. Friction and the loop move a motor at all lines, and above the resonances as an inertia on a spring whose other end
 rests. Of its samples all images are known but for two numbers,
 
 .. math:: y = a \Big[\frac{\tau}{s^2}\Big]_{folded} + b \Big[\frac{\tau}{s^4}\Big]_{folded}, \qquad
@@ -30,9 +26,7 @@ rests. Of its samples all images are known but for two numbers,
 which a regression over these lines gives to some tenths of a percent. At the highest of the excited lines G is off
 from a by as much as the nearest resonances add.
 
-Records whose torque is the net one: the friction that was found is taken out of u, and its images out of y.
-
-The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
+A net torque is u without the friction that was found. The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
 
 .. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 
@@ -97,7 +91,7 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
 
 
 def shows_images(record: Record, place: str) -> bool:
-    """Whether the samples of a motor's motion contain the images of its own held torque."""
+    """True if the samples of a motor's motion contain the images of its own held torque."""
     images = record.images
     if images is None:
         return False
@@ -237,7 +231,7 @@ def over_whole_periods(record: Record) -> Record:
 
 
 def other_images(record: Record, place: str, torque: ComplexArray, friction: FrictionTakenOut) -> FloatArray:
-    """What makes the images in a motor's samples (n,) those of its net torque, 0 where it has none.
+    """Addition to a motor's samples (n,) that makes their images those of its net torque, 0 where it has none.
 
     torque (n cells // 2 + 1,): DFT, as of n samples, of its friction along the sharp motion.
     """

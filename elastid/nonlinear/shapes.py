@@ -39,7 +39,7 @@ class Shape:
 
     @property
     def is_rate(self) -> bool:
-        """Whether its level is a damping, in Nms/rad, and not a torque."""
+        """True if its level is a damping, in Nms/rad, and not a torque."""
         return self.kind in RATE_OF.values()
 
     def reversal(self, distance: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ _MIN_SINGULAR = 1e-9
 
 @dataclass(frozen=True)
 class Net:
-    """What the net torques leave of a configuration: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
+    """Remainder of a configuration after the net torques: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
 
     e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
     experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
@@ -60,12 +60,12 @@ class ConfigurationSpectra:
 
     @property
     def shows_friction(self) -> bool:
-        """Whether there are more experiments than inputs, or lines that are not excited."""
+        """True if there are more experiments than inputs, or lines that are not excited."""
         return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
 
     @property
     def is_invertible(self) -> bool:
-        """Whether the experiments separate the inputs and G has an inverse, at every line that is excited."""
+        """True if the experiments separate the inputs and G has an inverse, at every line that is excited."""
         both = self.U[self.excited], self.Y[self.excited]
         return not self.excited.any() or all(_has_full_rank(spectra) for spectra in both)
 
@@ -176,7 +176,7 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
 
 
 def _has_full_rank(spectra: ComplexArray) -> bool:
-    """Whether the signals of spectra (F, n_m, K), each beside its largest amplitude, are independent at every line."""
+    """True if the signals of spectra (F, n_m, K), each relative to its largest amplitude, are independent at every line."""
     largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
     values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
     return bool(np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]))
@@ -190,7 +190,7 @@ def _some(lines: IntArray) -> IntArray:
 
 
 def _smooth(at: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
-    """Whether G (F, n_m, n_m) changes little between the lines (F,) on both sides of `at` (K,)."""
+    """True where G (F, n_m, n_m) changes little between the lines (F,) on both sides of `at` (K,)."""
     right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
     change = np.linalg.norm(G[right] - G[right - 1], axis=(1, 2))
     return np.asarray(change < _MAX_CHANGE * np.linalg.norm(G[right], axis=(1, 2)))
