@@ -35,7 +35,7 @@ DECAY_RANGE_K = (1.0, 500.0)
 
 @dataclass(frozen=True)
 class Terms:
-    """Numbers of a law: its linear numbers, and the nonlinear ones that are searched for; held ones with their value."""
+    """Numbers of a law: linear ones, nonlinear ones that are searched for, and held ones with their value."""
 
     linear: tuple[str, ...]
     searched: tuple[str, ...]

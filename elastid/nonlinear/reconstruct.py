@@ -10,15 +10,17 @@ Its samples are images in the record's y; they are taken out, and the part itsel
 depend on the motion; so q_high is a fixed point, which repetition alone reaches slowly, and not at all where friction
 is 0.3 of the torque. An error of a leaves as large a part of what is mended.
 
-The fixed point is found by Anderson's method: the next x is that combination of the last ones whose residuals F(x) - x nearly cancel,
+The fixed point is found by Anderson's method: the next x is that combination of the last ones whose residuals F(x) - x
+nearly cancel,
 
 .. math:: x_{k+1} = F(x_k) - \sum_i \gamma_i\, [F(x_{i+1}) - F(x_i)], \qquad
           \gamma = \arg\min \Big| r_k - \sum_i \gamma_i (r_{i+1} - r_i) \Big|, \quad r = F(x) - x
 
 (Anderson, J. ACM 12, 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
 
-The acceleration per torque a is that of lines above the excited ones. Friction and the loop move a motor at all lines, and above the resonances as an inertia on a spring whose other end
-rests. Of its samples all images are known but for two numbers,
+The acceleration per torque a is that of lines above the excited ones. Friction and the loop move a motor at all lines,
+and above the resonances as an inertia on a spring whose other end rests. Of its samples all images are known but for
+two numbers,
 
 .. math:: y = a \Big[\frac{\tau}{s^2}\Big]_{folded} + b \Big[\frac{\tau}{s^4}\Big]_{folded}, \qquad
           \tau = H u - \sum_i f_i \phi_i, \quad a = 1 / J, \quad b = -k / J^2
@@ -26,7 +28,8 @@ rests. Of its samples all images are known but for two numbers,
 which a regression over these lines gives to some tenths of a percent. At the highest of the excited lines G is off
 from a by as much as the nearest resonances add.
 
-A net torque is u without the friction that was found. The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
+A net torque is u without the friction that was found. The torque of a record is held between its samples, friction is
+not; so friction is divided by the hold as samples:
 
 .. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 

@@ -176,7 +176,7 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
 
 
 def _has_full_rank(spectra: ComplexArray) -> bool:
-    """True if the signals of spectra (F, n_m, K), each relative to its largest amplitude, are independent at every line."""
+    """True if the signals of spectra (F, n_m, K), each over its largest amplitude, are independent at every line."""
     largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
     values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
     return bool(np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]))
