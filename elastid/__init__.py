@@ -14,8 +14,8 @@ Floors, from the top; a room imports from the floors below it only:
 - app           command line, table of stages, runs: file -> value -> file
 - export study  models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
-- design recorded validation   plans within limits; logs -> records; agreement, cross-validation, comparison
-- friction_fit                 levels, laws, presliding and warm-up of friction
+- design nonlinear recorded validation  plans within limits; friction out of records; logs -> records; agreement
+- friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
 - experiment fit               plan and simulated rig; weights, least squares, solvers, uncertainty, diagnosis
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
 - friction model response      laws; equations of motion in CasADi; FrequencyResponse
@@ -59,12 +59,12 @@ if TYPE_CHECKING:
     from elastid.fit.weight_spec import WeightSpec as WeightSpec
     from elastid.frf.estimate import estimate as estimate
     from elastid.frf.spec import EstimatorSpec as EstimatorSpec
-    from elastid.friction_fit.identify import identify_friction as identify_friction
-    from elastid.friction_fit.joint_levels import find_joint_levels as find_joint_levels
-    from elastid.friction_fit.result import FrictionResult as FrictionResult
-    from elastid.friction_fit.spec import FrictionSpec as FrictionSpec
     from elastid.friction_record import FrictionRecord as FrictionRecord
     from elastid.friction_record import FrictionRecords as FrictionRecords
+    from elastid.friction_study.identify import identify_friction as identify_friction
+    from elastid.friction_study.joint_levels import find_joint_levels as find_joint_levels
+    from elastid.friction_study.result import FrictionResult as FrictionResult
+    from elastid.friction_study.spec import FrictionSpec as FrictionSpec
     from elastid.linear.fitted_model import FittedModel as FittedModel
     from elastid.linear.linearise import linearise as linearise
     from elastid.linear.response.transfer import frequency_response as frequency_response
@@ -135,10 +135,10 @@ _NAMES = {
     "elastid.design.friction": ("design_friction",),
     "elastid.experiment.simulated.friction_rig": ("SimulatedFrictionRig",),
     "elastid.friction_record": ("FrictionRecord", "FrictionRecords"),
-    "elastid.friction_fit.spec": ("FrictionSpec",),
-    "elastid.friction_fit.joint_levels": ("find_joint_levels",),
-    "elastid.friction_fit.identify": ("identify_friction",),
-    "elastid.friction_fit.result": ("FrictionResult",),
+    "elastid.friction_study.spec": ("FrictionSpec",),
+    "elastid.friction_study.joint_levels": ("find_joint_levels",),
+    "elastid.friction_study.identify": ("identify_friction",),
+    "elastid.friction_study.result": ("FrictionResult",),
     "elastid.store.friction_study": ("read_friction_result",),
     "elastid.store": (
         "read_plan",

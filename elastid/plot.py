@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.errors import check_kind, index_of
 from elastid.fit.result import FitResult
-from elastid.friction_fit.result import FrictionResult
+from elastid.friction_study.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
 from elastid.report.figures import bode as bode_figure
 from elastid.report.figures.friction_curve import friction_curve as curve_figure

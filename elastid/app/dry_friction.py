@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.numbers import digits, number
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.parameters import Parameter
 from elastid.report.friction_rows import friction_rows
 from elastid.robot import Robot

@@ -10,13 +10,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import PlacedLaw, frictions
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord
-from elastid.observer.follow import Motion
-from elastid.observer.joint import FollowedJoint
-from elastid.observer.kalman import JointSamples
-from elastid.observer.noise import FilterNoise
-from elastid.observer.spec import FilterSpec
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
+from elastid.friction_study.filter_spec import FilterSpec
+from elastid.friction_study.follow import Motion
+from elastid.friction_study.result import JointFriction
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.held_joint import held_joint

@@ -6,8 +6,8 @@ from typing import Any
 
 from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries, run_entries
 from elastid.base.note import grouped
-from elastid.friction_fit.motion import MotionFriction
-from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.friction_study.motion import MotionFriction
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.study import Study
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from elastid.app.identified_robot import with_identified_friction
 from elastid.base.execution import Execution
-from elastid.friction_fit.result import FrictionResult
 from elastid.friction_record import FrictionRecords
+from elastid.friction_study.result import FrictionResult
 from elastid.study import Study
 from elastid.validation.friction_twin_run import friction_runs
 from elastid.validation.twin_run import TwinRun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.friction_rows import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
@@ -14,7 +14,7 @@ from elastid.study import Study
 from elastid.study.robot_text import robot_text
 
 if TYPE_CHECKING:
-    from elastid.friction_fit.result import FrictionResult
+    from elastid.friction_study.result import FrictionResult
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 

@@ -13,7 +13,7 @@ from elastid.app.json_values import SCHEMA
 from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import shown_values
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.friction_fit.law_choice import NOT_ASKED
+from elastid.friction_study.laws import NOT_ASKED
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.signal_summary import SignalSummary, signal_summary, text_summaries

@@ -14,10 +14,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.frf.friction.net_torque import net_records
-from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.take_out import net_records
 from elastid.store import read_configurations, read_friction, read_records
 from elastid.validation.elastic_twin import ModelParts, elastic_balances, model_parts, rigid_linearisation
 from elastid.validation.replay import replay

@@ -11,7 +11,7 @@ from elastid.report.parameter_rows import ParameterRow
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast
-    from elastid.friction_fit.result import FrictionNumber
+    from elastid.friction_study.result import FrictionNumber
 
 
 def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:

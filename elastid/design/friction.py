@@ -17,8 +17,8 @@ from elastid.design.friction_motions import passes_of, standstill_of, timed, war
 from elastid.design.pass_speeds import PassSpeeds, optimal_speeds
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PlannedMotion, PlannedWarmUp
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.friction_fit.law_choice import LOWEST_SPEED, MIN_SPEEDS
-from elastid.friction_fit.spec import FrictionSpec, LoadSpec
+from elastid.friction_study.laws import LOWEST_SPEED, MIN_SPEEDS
+from elastid.friction_study.spec import FrictionSpec, LoadSpec
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.robot.loaded import with_point_mass

@@ -14,7 +14,7 @@ from elastid.design.friction_guess import FrictionGuess, guess_friction
 from elastid.experiment.plan.passes import RAMP_PEAK, PassLimits, fastest_speed
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.friction_fit.spec import PassesSpec
+from elastid.friction_study.spec import PassesSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot

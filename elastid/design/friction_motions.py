@@ -12,7 +12,7 @@ from elastid.design.friction_axis import Axis
 from elastid.excitation.standstill import growing_loops, small_multisine
 from elastid.experiment.plan.friction import JointPassDesign, PlannedMotion, PlannedWarmUp
 from elastid.experiment.plan.passes import PassLimits, pass_time, plan_passes, planned_pass
-from elastid.friction_fit.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
+from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
 from elastid.record import Configuration
 
 # At rest: period, its repetitions (the first is the transient), and draws of the random phases.

@@ -15,10 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from elastid.observer.joint import FollowedJoint
-from elastid.observer.kalman import first_estimate
-from elastid.observer.noise import FilterNoise
-from elastid.observer.step import filter_step
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store import text_file
 
 

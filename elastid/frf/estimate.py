@@ -26,7 +26,7 @@ from elastid.frf.covariance import (
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
-from elastid.frf.friction.bias import friction_bias
+from elastid.frf.friction_bias import friction_bias
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power

@@ -12,7 +12,7 @@ from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot

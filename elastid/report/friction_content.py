@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from elastid.base.note import NoteGroup, grouped
 from elastid.base.numbers import digits, number
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
-from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.observer.follow import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.

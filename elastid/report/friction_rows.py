@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from elastid.base.numbers import digits, interval_of, number
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 
 if TYPE_CHECKING:
-    from elastid.friction_fit.result import FrictionNumber
+    from elastid.friction_study.result import FrictionNumber
 
 # Quantile of 95 % intervals.
 _Z_95 = 1.96

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from elastid.observer.follow import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
 from elastid.store.files import NO_STAMP, Stamp, created, opened
 from elastid.store.values import read_dataclass, write_value
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shapes import Shape
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import Shape
 from elastid.store.files import opened, read_notes, scale, texts, variable, write_notes
 
 # Beside the groups of the configurations, whose names are escaped: none begins with %.

@@ -10,8 +10,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import PassReference
-from elastid.friction_fit.result import FrictionResult, JointLevels
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.friction_study.result import FrictionResult, JointLevels
 from elastid.record import drive_unit
 from elastid.store.files import NO_STAMP, Stamp, created, opened, read_notes, scale, text_file, variable, write_notes
 from elastid.store.twin import write_twin

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, check_kind
 from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, mapped, release
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Configuration, HeldTorque, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store.files import (

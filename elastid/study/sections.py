@@ -15,9 +15,9 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places, Structure
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_fit.spec import FrictionSpec
+from elastid.friction_study.filter_spec import FilterSpec
+from elastid.friction_study.spec import FrictionSpec
 from elastid.model.spec import ModelSpec
-from elastid.observer.spec import FilterSpec
 from elastid.report.spec import ReportSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Joint, Robot

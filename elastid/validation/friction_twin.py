@@ -11,10 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.motion import MotionFriction, motion_parts
-from elastid.friction_fit.motion_signals import MotionSignals
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.motion import MotionFriction, MotionSignals, motion_parts
+from elastid.friction_study.result import JointFriction
 from elastid.record import drive_unit
 from elastid.validation.twin import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
 

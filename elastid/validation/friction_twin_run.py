@@ -19,10 +19,9 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.cascade import CascadeSpec
-from elastid.friction_fit.motion import rigid_torque
-from elastid.friction_fit.motion_signals import MotionSignals
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.motion import MotionSignals, rigid_torque
+from elastid.friction_study.result import JointFriction
 from elastid.record import Configuration, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction

@@ -43,9 +43,9 @@ from plants.published_friction import TERMS, drawn, published_levels
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.static_terms import columns
-from elastid.friction_fit.levels import Levels
-from elastid.friction_fit.shooting import fit_lugre
-from elastid.friction_fit.static_curve import START_DECAY_K, derivative, fit_curve, reference_temperature
+from elastid.friction_study.levels import Levels
+from elastid.friction_study.lugre_shooting import fit_lugre
+from elastid.friction_study.stribeck import START_DECAY_K, derivative, fit_curve, reference_temperature
 from elastid.robot.friction import EXPONENT_RANGE
 
 # A search has arrived where its cost is within this share of the best.

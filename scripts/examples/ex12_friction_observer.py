@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.observer.follow import Motion, follow
-from elastid.observer.joint import FollowedJoint
-from elastid.observer.kalman import JointSamples
-from elastid.observer.noise import FilterNoise
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
+from elastid.friction_study.follow import Motion, follow
 
 rate_hz, inertia, count = 1000.0, 0.02, 2 * np.pi / 2**16
 t = np.arange(int(20 * rate_hz)) / rate_hz

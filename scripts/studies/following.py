@@ -16,11 +16,15 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from elastid.base.arrays import FloatArray
-from elastid.observer.consistency import consistency
-from elastid.observer.joint import FollowedJoint
-from elastid.observer.kalman import KalmanFilter, Track, first_estimate
-from elastid.observer.noise import FilterNoise
-from tests.observer.warm_joint import (
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedJoint,
+    KalmanFilter,
+    Track,
+    first_estimate,
+)
+from elastid.friction_study.innovations import consistency
+from tests.plants.warm_joint import (
     COUNT,
     FOLLOWED,
     RATE_HZ,

@@ -48,9 +48,9 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
-from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.frf.without_friction import estimate_without_friction
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load
 

@@ -43,9 +43,9 @@ from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.weight_spec import WeightSpec
-from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.frf.without_friction import estimate_without_friction
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.study import load
 
 # Predicted over fitted standard deviation, geometric mean over the parameters of a robot.

@@ -29,9 +29,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.published_friction import TERMS, drawn, published_levels
 
-from elastid.friction_fit.levels import Levels
-from elastid.friction_fit.static_curve import fit_curve
-from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.levels import Levels
+from elastid.friction_study.stribeck import fit_curve
 
 COVERAGE = (0.94, 0.96)
 SCATTER = (0.9, 1.15)

@@ -39,9 +39,9 @@ from elastid.design.problem import DesignProblem
 from elastid.experiment.plan.plan import make_plan
 from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
-from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.without_friction import estimate_without_friction
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.take_out import estimate_without_friction
 
 TORQUE_NOISE = 1.0
 MAX_LEVEL_ERROR = 0.03

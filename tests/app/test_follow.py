@@ -7,7 +7,7 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.store.filter import read_filter
-from tests.observer.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
+from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
 ROBOT = f"""
 name: one axis

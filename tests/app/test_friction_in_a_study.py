@@ -14,8 +14,8 @@ from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
 from elastid.app.stages.fit import conclude
 from elastid.base.numbers import digits, number
-from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store import read_friction, read_responses, read_validation, write_records
 from elastid.study import load, load_robot

@@ -15,7 +15,7 @@ from elastid.app.overview import overview
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.stage_table import FRICTION, stages_of
 from elastid.base.errors import StudyError
-from elastid.friction_fit.identify import identify_friction
+from elastid.friction_study.identify import identify_friction
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import read_friction_records, read_friction_result, read_levels
 from elastid.study import load, load_robot

@@ -17,16 +17,15 @@ from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
-from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_record
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_fit.at_rest import fit_at_rest
-from elastid.friction_fit.identify import identify_friction
-from elastid.friction_fit.joint_levels import find_joint_levels
-from elastid.friction_fit.rest_response import rest_responses
-from elastid.friction_fit.result import FrictionResult
-from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
 from elastid.friction_record import FrictionRecords
+from elastid.friction_study.at_rest import fit_at_rest, rest_responses
+from elastid.friction_study.identify import identify_friction
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.result import FrictionResult
+from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.take_out import net_record
 from elastid.robot import Limits, Robot
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.simulation.held_joint import held_joint

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.observer.kalman import JointSamples, KalmanFilter, first_estimate
+from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter, first_estimate
 from elastid.store.filter import read_filter
 from elastid.store.friction_study import read_friction_records
 from elastid.study import load_robot

@@ -13,7 +13,7 @@ from elastid.base.errors import StudyError
 from elastid.design.friction_axis import axis_of
 from elastid.experiment.plan.passes import pass_reference
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.friction_fit.spec import (
+from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
     LawSpec,

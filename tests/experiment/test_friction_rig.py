@@ -14,9 +14,9 @@ from elastid.experiment.simulated.friction_run import holding_torque
 from elastid.experiment.simulated.heating import heat_of
 from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
 from elastid.experiment.specs.heat import HeatSpec
-from elastid.friction_fit.pass_levels import find_levels
-from elastid.friction_fit.record_passes import passes_of
-from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.friction_study.levels import find_levels
+from elastid.friction_study.passes import passes_of
+from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration

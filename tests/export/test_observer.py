@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from elastid.export.observer import Observer, write_observers
-from elastid.observer.kalman import KalmanFilter, first_estimate
-from elastid.observer.noise import FilterNoise
-from tests.observer.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
+from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
+from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
 

@@ -9,7 +9,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
-from elastid.friction_fit.spec import FrictionSpec
+from elastid.friction_study.spec import FrictionSpec
 from elastid.robot import Body, Frame, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
 
 # Motor side; Nm of the link are a hundred times as many.

@@ -10,8 +10,8 @@ from elastid.app.stages.friction_design import friction_plan
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_fit.truth import true_numbers
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.result import true_numbers
 from elastid.robot import Robot
 from elastid.study import LoadedStudy, load
 

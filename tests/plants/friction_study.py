@@ -10,18 +10,15 @@ from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign
 from elastid.experiment.plan.passes import PassLimits
-from elastid.friction_fit.at_rest import AtRest, RestPoint
-from elastid.friction_fit.law_choice import Held
-from elastid.friction_fit.levels import Levels
-from elastid.friction_fit.motion import MotionFriction, regress_motion
-from elastid.friction_fit.motion_signals import Motion
-from elastid.friction_fit.pass_levels import PassLevels
-from elastid.friction_fit.presliding import Elements, Loops, Presliding
-from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.friction_fit.spec import LawSpec
-from elastid.friction_fit.static_law import StaticLaw
-from elastid.friction_fit.warm_up import ThermalModel, WarmUp
 from elastid.friction_record import FrictionRecord
+from elastid.friction_study.at_rest import AtRest, RestPoint
+from elastid.friction_study.laws import Held, StaticLaw
+from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.presliding import Elements, Loops, Presliding
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.friction_study.spec import LawSpec
+from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.report.friction_content import FrictionContent
 
 # Of the elbow: level, slope by direction, gravity, offset, ripple over a turn, inertia, speed of the pass.

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.shooting import JointLog
+from elastid.friction_study.lugre_shooting import JointLog
 from elastid.simulation.elastic_joint import FRICTION, ElasticJoint
 
 JOINT = ElasticJoint(0.01, 0.02, 800.0, 0.3)

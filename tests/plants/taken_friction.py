@@ -3,8 +3,8 @@
 import numpy as np
 
 from elastid.base.note import Note
-from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shapes import Shape
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import Shape
 
 LEVELS, STDS, THRESHOLD = (3.0, 1.5), (0.1, 0.2), 2e-3
 LEFT = "no friction was taken out of the torque: it leaves 98 % of the power"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.two_axes import ROBOT
 
-from elastid.friction_fit.at_rest import reaction
+from elastid.friction_study.at_rest import reaction
 from elastid.model.formulation import formulate
 from elastid.simulation.held_joint import held_joint
 from elastid.study.robots import load_robot

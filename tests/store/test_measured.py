@@ -9,8 +9,8 @@ from hypothesis.extra.numpy import arrays
 from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_numbers, finite, names, positive, same
 
 from elastid.base.note import Note
-from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shapes import Shape
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 from elastid.store import (

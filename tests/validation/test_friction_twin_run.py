@@ -9,10 +9,9 @@ import pytest
 
 from elastid.experiment.simulated.plant import exact_plant
 from elastid.experiment.specs.cascade import CascadeSpec
-from elastid.friction_fit.motion import MotionFriction, regress_motion
-from elastid.friction_fit.motion_signals import Motion
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.result import JointFriction
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration
 from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from elastid.friction_fit.motion import regress_motion
-from elastid.friction_fit.motion_signals import Motion
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.motion import Motion, regress_motion
+from elastid.friction_study.result import JointFriction
 from elastid.validation.friction_twin import friction_balances
 from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, octaves, torque_balance
 

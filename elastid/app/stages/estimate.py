@@ -14,11 +14,11 @@ from elastid.app.run import Run
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shafts import on_shafts
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.without_friction import estimate_without_friction
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.places import on_shafts
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_plan, read_records, write_responses

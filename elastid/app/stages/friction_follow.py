@@ -7,10 +7,10 @@ from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.base.numbers import number
-from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.observer.follow import FollowedFriction, follow
-from elastid.observer.spec import FilterSpec
+from elastid.friction_study.filter_spec import FilterSpec
+from elastid.friction_study.follow import FollowedFriction, follow
+from elastid.friction_study.result import JointFriction
 from elastid.store.filter import write_filter
 from elastid.store.friction_study import read_friction_records, read_friction_result
 

@@ -11,8 +11,8 @@ from elastid.app.tables import friction_table
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_fit.identify import identify_friction
-from elastid.friction_fit.law_choice import NOT_ASKED
+from elastid.friction_study.identify import identify_friction
+from elastid.friction_study.laws import NOT_ASKED
 from elastid.report.friction_content import part_words, refusals
 from elastid.robot import Robot
 from elastid.store import text_file

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from elastid.app.run import Run
-from elastid.friction_fit.joint_levels import find_joint_levels
-from elastid.friction_fit.result import JointLevels
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.result import JointLevels
 from elastid.store.friction_study import read_friction_records, write_levels
 
 

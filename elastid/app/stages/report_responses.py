@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from elastid.app.run import Run
 from elastid.export.peaks import write_peaks
-from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import peaks
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.store import read_friction, read_responses
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures.design import configuration_sketches, excitation, information
 from elastid.report.figures.fit import identifiability, multistart_costs

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.frf.friction.result import FrictionTakenOut
 from elastid.friction.robot_friction import frictions
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.robot import Robot
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.at_rest import AtRest
+from elastid.friction_study.at_rest import AtRest
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import Z_95, units
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.friction.static_terms import Conditions
-from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_study.laws import StaticLaw
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import POINTS, Z_95, Condition, depends_on, law_band, units
 

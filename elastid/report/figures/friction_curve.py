@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.friction.static_terms import Conditions
-from elastid.friction_fit.levels import Levels
-from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.levels import Levels
 from elastid.report.figures import style
 
 POINTS = 200

@@ -9,11 +9,11 @@ from typing import TypeAlias
 
 from matplotlib.figure import Figure
 
-from elastid.friction_fit.record_passes import passes_of
-from elastid.friction_fit.result import FrictionResult, JointFriction
-from elastid.friction_fit.static_law import StaticLaw
-from elastid.friction_fit.warm_up import ThermalModel, WarmUp, level_over_heat
-from elastid.observer.follow import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.passes import passes_of
+from elastid.friction_study.result import FrictionResult, JointFriction
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, level_over_heat
 from elastid.report.figures.drawings import Drawing, twin_drawings
 from elastid.report.figures.friction_at_rest import friction_at_rest
 from elastid.report.figures.friction_conditions import conditions_of, friction_conditions

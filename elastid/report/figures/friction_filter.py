@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.observer.consistency import NIS_BAND
-from elastid.observer.follow import FollowedFriction
+from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.innovations import NIS_BAND
 from elastid.report.figures import style
 
 MINUTE = 60.0

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray
-from elastid.friction_fit.presliding import Elements, Loops, Presliding
+from elastid.friction_study.presliding import Elements, Loops, Presliding
 from elastid.report.figures import style
 
 # Thresholds of a spectrum that take less of the break-away torque are not drawn.

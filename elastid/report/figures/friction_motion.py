@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.equations import Regression
-from elastid.friction_fit.motion import MotionFriction, MotionSamples, motion_samples
-from elastid.friction_fit.plateaus import distinct_speeds
+from elastid.friction_study.least_squares import Regression
+from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_samples
+from elastid.friction_study.plateaus import distinct_speeds
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import POINTS, Z_95, units
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.pass_levels import PassLevels
-from elastid.friction_fit.pass_regression import MAX_HARMONIC, Pass, gravity_names, ripple_names
+from elastid.friction_study.levels import PassLevels
+from elastid.friction_study.passes import MAX_HARMONIC, Pass, gravity_names, ripple_names
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import units
 

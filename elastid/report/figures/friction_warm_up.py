@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.friction_fit.warm_up import LevelOf, ThermalModel, WarmUp
+from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import Z_95, units
 

@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from elastid.base.note import NoteGroup
 from elastid.base.numbers import digits, interval_of, number, percent
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing

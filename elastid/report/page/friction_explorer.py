@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_fit.result import JointFriction
-from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import DIRECTIONS, Z_95, Condition, law_band, law_directions, units
 from elastid.report.page.embedding import asset, embedded

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elastid.base.execution import Execution
 from elastid.base.numbers import number
-from elastid.friction_fit.result import JointFriction
+from elastid.friction_study.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
 from elastid.report.friction_content import FrictionContent, refusals
 from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells

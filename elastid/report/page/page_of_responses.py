@@ -9,8 +9,8 @@ from pathlib import Path
 from elastid.base.execution import Execution
 from elastid.base.note import NoteGroup, grouped
 from elastid.base.numbers import digits, interval_of, number, percent
-from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import Peak
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, quality_drawings, response_drawings
 from elastid.report.figures.responses import configuration_title

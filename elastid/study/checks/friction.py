@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.friction_fit.spec import FrictionSpec, LoadSpec
+from elastid.friction_study.spec import FrictionSpec, LoadSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_experiment
 from elastid.study.checks.friction_logs import check_friction_logs

@@ -8,7 +8,7 @@ from pathlib import Path
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.friction_fit.spec import PassesSpec
+from elastid.friction_study.spec import PassesSpec
 from elastid.study.checks.names import unknown
 from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem

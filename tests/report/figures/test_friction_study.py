@@ -11,9 +11,9 @@ from plants import friction_study as study
 from plants.published_friction import drawn, published_levels
 from plants.report_values import lines_of
 
-from elastid.friction_fit.record_passes import passes_of
-from elastid.friction_fit.spec import LawSpec
-from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.passes import passes_of
+from elastid.friction_study.spec import LawSpec
 from elastid.report.figures.friction_at_rest import friction_at_rest
 from elastid.report.figures.friction_conditions import conditions_of, friction_conditions
 from elastid.report.figures.friction_curve import Condition, friction_curve, residuals

@@ -10,7 +10,7 @@ import pytest
 from plants.report_values import pair, report_content
 from plants.taken_friction import LEFT, taken_friction
 
-from elastid.frf.friction.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures.drawings import drawings
 from elastid.report.page.booklet import front_pages
 from elastid.report.page.page import html

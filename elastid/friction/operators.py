@@ -1,0 +1,59 @@
+r"""Friction of one bristle on the fine grid of a motion: what it remembers, and means over the cells.
+
+.. math:: stop: &\quad s(t + dt) = \mathrm{clip}(s(t) + dq, -D, D) \\
+          bristle: &\quad ds = dq - |dq|\, s / D
+
+A stop operator is an element of Maxwell's slip law, the bristle is Dahl's (and LuGre's without its Stribeck curve).
+Both depend on the way alone; between two turning points they are functions of the way from the first of them. So only
+turning points need to be followed one after the other, and s is exact where q is monotonous between its points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Path:
+    """A motion q (n,) by its turning points: steps between them, the last one (n,) before each q, q (n,) from it on."""
+
+    steps: list[float]
+    last: IntArray
+    moved: FloatArray
+
+    @classmethod
+    def of(cls, q: FloatArray) -> Path:
+        """The turning points of q (n,), its ends among them."""
+        rising = np.diff(q)
+        is_turning = rising[1:] * rising[:-1] <= 0
+        turning = np.concatenate([[0], np.flatnonzero(is_turning) + 1, [len(q) - 1]])
+        counts = np.diff(turning)
+        last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
+        return cls(np.diff(q[turning]).tolist(), last, np.asarray(q - q[turning[last]]))
+
+    def without(self, n: int) -> Path:
+        """The same without the points of its first n q, whose steps it still has."""
+        return Path(self.steps, self.last[n:], self.moved[n:])
+
+
+def stop(path: Path, D: float) -> FloatArray:
+    """s (n,) of a stop operator along a path, from s = 0."""
+    states = [0.0]
+    for step in path.steps:
+        states.append(min(max(states[-1] + step, -D), D))
+    return np.asarray(np.clip(np.array(states)[path.last] + path.moved, -D, D))
+
+
+def bristle(path: Path, D: float) -> FloatArray:
+    """s (n,) of a bristle along a path, from s = 0."""
+    states = [0.0]
+    for step in path.steps:
+        end = math.copysign(D, step)
+        states.append(end + (states[-1] - end) * math.exp(-abs(step) / D))
+    ends = np.copysign(D, path.moved)
+    return np.asarray(ends + (np.array(states)[path.last] - ends) * np.exp(-np.abs(path.moved) / D))

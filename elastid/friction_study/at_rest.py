@@ -1,0 +1,363 @@
+r"""sigma_0 and sigma_1 of bristles from responses at rest under small multisines of several amplitudes.
+
+At rest a LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, beside inertia and the joint's spring. What
+its bristles slip, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
+s_q and s_v (statistical linearisation),
+
+.. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
+          \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
+
+so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, which distinguishes them. (A
+single sine of amplitude A has 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s), whatever its frequency.) The fit has one law
+for all amplitudes and so extrapolates to none:
+
+.. math:: \frac{1}{G} = (\sigma_0 + j \omega \sigma_1) \frac{z}{q} + j \omega \alpha_2 + Z(\omega), \quad
+          Z = -\omega^2 J \text{ or }
+              -\omega^2 J_m + \frac{(k + j \omega d)(-\omega^2 J_l)}{k + j \omega d - \omega^2 J_l}
+
+Maxwell slip has no amplitude below which it is linear: its stiffness falls with the logarithm of the amplitude, faster
+than a single bristle explains, which a fit with a stiffness of each amplitude's own shows.
+
+Displacement per torque of one place at standstill under a small multisine, one response for each amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.errors import DataError, FitError
+from elastid.base.note import Note
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
+from elastid.record import Configuration, Record
+from elastid.simulation.elastic_joint import ElasticJoint
+
+# What the expansion leaves of a response, as a part of it: keeps a line without noise from outweighing all others.
+EXPANSION_ERROR = 1e-3
+# Rms slip over z_s above which the expansion does not hold.
+MAX_SLIP = 0.3
+START_SLIP = 0.1
+# Slip over its std from which on it tells break-away.
+MIN_SLIP_STD = 4.0
+# Of the scaled Jacobian.
+MAX_CONDITION = 1e8
+
+
+@frozen_value
+class RestPoint:
+    """Spring and damper to ground at one amplitude: torque (peak, Nm), stiffness, damping with their std, SI."""
+
+    torque: float
+    stiffness: float
+    stiffness_std: float
+    damping: float
+    damping_std: float
+
+
+@frozen_value
+class AtRest:
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2); points: each amplitude.
+
+    break_away: F_s = sigma_0 z_s, Nm, as slip tells it; None where it does not show.  inertia: of a rigid joint.
+    falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
+    """
+
+    sigma_0: float
+    sigma_1: float
+    covariance: FloatArray
+    points: tuple[RestPoint, ...]
+    break_away: float | None
+    inertia: float | None = None
+    falls: bool = False
+    notes: tuple[Note, ...] = ()
+
+
+def fit_at_rest(
+    place: str,
+    responses: Sequence[RestResponse],
+    joint: ElasticJoint | None = None,
+    viscous: tuple[float, float] = (0.0, 0.0),
+) -> AtRest:
+    """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
+
+    viscous: alpha_2 of sliding with its std, Nms/rad.  A single amplitude does not show Maxwell slip.
+    Raises FitError where the responses do not tell the unknowns apart.
+    """
+    model = _Model(tuple(responses), joint, viscous[0])
+    shared = model.fit(model.start(), place)
+    own = model.fit(model.on_its_own(shared.x), place)
+    ((sigma_0, per_bend, sigma_1),) = model.bristles(shared.x).tolist()
+    n, std = model.n_common, np.sqrt(np.diag(shared.covariance))
+    scale = np.array([sigma_0, model.damping_unit])
+    covariance = shared.covariance[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    slip = float(shared.x[n + 1])
+    break_away = sigma_0 / per_bend if slip > MIN_SLIP_STD * std[n + 1] else None
+    inertia = float(np.exp(shared.x[0])) if joint is None else None
+    points, falls = model.points(own), _falls(model, shared, own)
+    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
+    notes = _notes(place, points, falls, slip)
+    return AtRest(sigma_0, sigma_1, covariance, points, break_away, inertia, falls, notes)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Unknowns x: ln J of a rigid joint, then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude."""
+
+    responses: tuple[RestResponse, ...]
+    joint: ElasticJoint | None
+    viscous: float
+
+    @property
+    def n_common(self) -> int:
+        """Unknowns that amplitudes share in any case."""
+        return 1 if self.joint is None else 0
+
+    @property
+    def damping_unit(self) -> float:
+        """Of sigma_1 in x: about the stiffness over the angular frequency in the middle of the band."""
+        first = self.responses[0]
+        middle = len(first.freq_hz) // 2
+        return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
+
+    def bristles(self, x: FloatArray) -> FloatArray:
+        """(sigma_0, 1 / z_s, sigma_1) once or of each amplitude, (1 or n, 3)."""
+        values = x[self.n_common :].reshape(-1, 3)
+        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [self.slip_unit, self.damping_unit]]))
+
+    @property
+    def slip_unit(self) -> float:
+        """Of 1 / z_s in x: over the largest rms position."""
+        return 1 / max(response.rms_position for response in self.responses)
+
+    def receptance(self, x: FloatArray, index: int) -> ComplexArray:
+        """G (F,) at one amplitude."""
+        response, values = self.responses[index], self.bristles(x)
+        sigma_0, per_bend, sigma_1 = values[min(index, len(values) - 1)]
+        omega = 2 * np.pi * response.freq_hz
+        impedance = (sigma_0 + 1j * omega * sigma_1) * slipped(omega, response, per_bend) + 1j * omega * self.viscous
+        inertia = -(omega**2) * np.exp(x[0]) if self.joint is None else reaction(omega, self.joint)
+        return np.asarray(1 / (impedance + inertia))
+
+    def start(self) -> FloatArray:
+        """From the smallest amplitude by linear regression of 1 / G."""
+        first = self.responses[0]
+        omega = 2 * np.pi * first.freq_hz
+        Z = 1 / first.G - (0 if self.joint is None else reaction(omega, self.joint))
+        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance + (EXPANSION_ERROR * np.abs(first.G)) ** 2)
+        A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + self.n_common]
+        (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
+        sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
+        sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
+        smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
+        common = [np.log(max(float(J), smallest)) for J in inertia]
+        return np.array([*common, np.log(sigma_0), START_SLIP, sigma_1 / self.damping_unit])
+
+    def on_its_own(self, x: FloatArray) -> FloatArray:
+        """The same with bristles of each amplitude's own."""
+        return np.concatenate([x[: self.n_common], np.tile(x[self.n_common :], len(self.responses))])
+
+    def fit(self, start: FloatArray, place: str) -> Optimum:
+        """The optimum from a start; the covariance is that of the residuals where they exceed the noise."""
+        if len(self._residual(start)) < len(start):
+            raise FitError(
+                f"{place} at rest: fewer lines than unknowns stand out of the noise; raise the torque, or excite more "
+                "lines"
+            )
+        (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
+        if not end.condition < MAX_CONDITION:
+            raise FitError(
+                f"{place} at rest: the responses do not tell stiffness, damping and slip of bristles apart; excite "
+                "lines below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away"
+            )
+        return end
+
+    def points(self, fit: Optimum) -> tuple[RestPoint, ...]:
+        """Spring and damper at each amplitude, from a fit with bristles of its own."""
+        points, std = [], np.sqrt(np.diag(fit.covariance))[self.n_common :].reshape(-1, 3)
+        for response, (sigma_0, per_bend, sigma_1), (by_sigma_0, _, by_sigma_1) in zip(
+            self.responses, self.bristles(fit.x), std, strict=True
+        ):
+            stiffness = sigma_0 * (1 - second_order(response, per_bend))
+            points.append(
+                RestPoint(response.torque, stiffness, stiffness * by_sigma_0, sigma_1, self.damping_unit * by_sigma_1)
+            )
+        return tuple(points)
+
+    def _residual(self, x: FloatArray) -> FloatArray:
+        left = []
+        for i, response in enumerate(self.responses):
+            std = np.sqrt((response.variance + (EXPANSION_ERROR * np.abs(response.G)) ** 2) / 2)
+            error = (response.G - self.receptance(x, i)) / std
+            left += [error.real, error.imag]
+        return np.concatenate(left)
+
+
+def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
+    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response."""
+    rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
+    return np.asarray((1 - second_order(response, per_bend)) * 1j * omega / (1j * omega + rate))
+
+
+def second_order(response: RestResponse, per_bend: float) -> float:
+    """epsilon = (2 / pi) s_q^2 / z_s^2: the share of stiffness that slip takes away; at most half of it."""
+    return float(min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5))
+
+
+def reaction(omega: FloatArray, joint: ElasticJoint) -> ComplexArray:
+    """Torque per angle (F,) of a motor's inertia with a link on a spring."""
+    spring = joint.stiffness + 1j * omega * joint.damping
+    link = -(omega**2) * joint.link_inertia
+    return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
+
+
+def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
+    """True if amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
+    extra = shared.dof - own.dof
+    if extra == 0:
+        return False
+    stiffness = model.bristles(own.x)[:, 0]
+    return bool(chance_of_terms(shared.cost, own.cost, extra, own.dof) < FALSE_ALARM and np.all(np.diff(stiffness) < 0))
+
+
+def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
+    first, last = points[0], points[-1]
+    notes = []
+    if falls:
+        notes.append(
+            Note(
+                "stiffness-falls",
+                f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
+                f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
+                "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops "
+                "(presliding)",
+                f"{place} at rest",
+            )
+        )
+    if slip > MAX_SLIP:
+        notes.append(
+            Note(
+                "large-slip",
+                f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
+                "over amplitude does not hold: lower the torque at rest",
+                f"{place} at rest",
+            )
+        )
+    return tuple(notes)
+
+
+# The highest excited line times this is the band in which the place is taken to move; above, an encoder's noise is.
+MOTION_BAND = 1.5
+# Half of the swing of the position, in counts of its encoder, below which a response says nothing of bristles.
+MIN_COUNTS = 3.0
+# Amplitudes nearer than this ratio are one: of one peak, random phases make different ones.
+SAME_AMPLITUDE = 1.4
+# Lines of the torque that must stand out of noise.
+MIN_LINES = 8
+
+
+@frozen_value
+class RestResponse:
+    """Receptance G (F,), rad/Nm at freq_hz (F,), with the variance E|dG|^2 (F,) by noise, at one amplitude.
+
+    torque: peak, Nm.  rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
+    """
+
+    freq_hz: FloatArray
+    G: ComplexArray
+    variance: FloatArray
+    torque: float
+    rms_position: float
+    rms_velocity: float
+
+    @classmethod
+    def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
+        """From the periodic records of one amplitude, each a realisation.
+
+        Raises DataError for a record without a period and where the place moves by less than a few counts of its
+        encoder, and as `estimate` does.
+        """
+        first, periodic = records[0], [_periodic(record, i) for i, record in enumerate(records)]
+        reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
+        if not reach > MIN_COUNTS * first.resolution:
+            raise DataError(
+                f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
+                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {MIN_COUNTS:g}: raise the "
+                "torque at rest, use a finer encoder, or measure presliding by loops"
+            )
+        found = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
+        assert found.noise is not None
+        if found.n_lines < MIN_LINES:
+            raise DataError(
+                f"joint {first.joint} at rest ({first.name}): {found.n_lines} lines of its torque stand out of the "
+                f"noise, {MIN_LINES} are needed: raise the torque at rest, or repeat its period more often"
+            )
+        position, velocity = _motion(periodic, MOTION_BAND * float(found.freq_hz[-1]), first.resolution)
+        peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
+        return cls(found.freq_hz, found.G[:, 0, 0], found.noise.variance[:, 0, 0], peak, position, velocity)
+
+
+def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
+    """One response for each amplitude of the torque, the smallest first."""
+    sizes = sorted(((_size(record), record) for record in records), key=lambda each: each[0])
+    groups: list[list[FrictionRecord]] = []
+    last = 0.0
+    for size, record in sizes:
+        if size > SAME_AMPLITUDE * last:
+            groups.append([])
+        groups[-1].append(record)
+        last = size
+    return tuple(RestResponse.of(group) for group in groups)
+
+
+def _periodic(record: FrictionRecord, realisation: int) -> Record:
+    """The same as a record of a frequency response."""
+    if record.period_samples is None:
+        raise DataError(
+            f"joint {record.joint} at rest ({record.name}): its torque has no period; repeat a multisine, and state "
+            "its period"
+        )
+    place = (f"motor {record.joint}",)
+    return Record(
+        record.name, record.configuration or Configuration(record.name, np.zeros(1)), realisation, 0, record.rate_hz,
+        record.period_samples, place, place, ("position",), record.torque[:, None], record.position[:, None],
+        hold=record.hold, sliding=place if record.slides else (),
+    )  # fmt: skip
+
+
+def _size(record: FrictionRecord) -> float:
+    """Rms of the periodic part of the torque, free of noise: by the first and the second half of its periods."""
+    n = record.period_samples or len(record.torque)
+    periods = record.torque[: len(record.torque) // n * n].reshape(-1, n)
+    if len(periods) < 2:
+        return float(np.std(record.torque))
+    first, second = (part.mean(axis=0) - part.mean() for part in np.array_split(periods, 2))
+    return float(np.sqrt(max(np.mean(first * second), 0.0)))
+
+
+def _mean_period(record: Record, signal: FloatArray) -> FloatArray:
+    """The mean (period_samples,) over whole periods but the first, where there are more."""
+    P, n = record.n_periods, record.period_samples
+    periods = signal[: P * n, 0].reshape(P, n)
+    return np.asarray(periods[min(1, P - 1) :].mean(axis=0))
+
+
+def _motion(records: Sequence[Record], band_hz: float, resolution: float) -> tuple[float, float]:
+    """Rms position and velocity below band_hz, less what an encoder's counts add; without mean and drift."""
+    powers = []
+    for record in records:
+        q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
+        n = len(q)
+        freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
+        power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
+        # One period at least fits into what counts as motion.
+        inside = (freq_hz > 0.75 * record.rate_hz / record.period_samples) & (freq_hz < band_hz)
+        power = power[inside] - resolution**2 / 6 / n
+        powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])
+    position, velocity = np.sqrt(np.maximum(np.mean(powers, axis=0), 1e-300))
+    return float(position), float(velocity)

@@ -1,0 +1,340 @@
+r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, run over a log in pieces of any number.
+
+.. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
+          J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
+
+on one side of the gear: LuGre's bristles z, the torque g of gravity as a model has it, its slow error b, and w, noise
+of the torque that is correlated in time. Without a spring both inertias move as one. What is followed are constants
+that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
+
+One sample of the filter is a CasADi function:
+
+.. math::
+   x^- = a(x, u, g), \quad P^- = F P F^T + Q, \qquad
+   K = P^- h / S, \quad S = h^T P^- h + R, \quad e = y - h^T x^-, \\
+   x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T
+
+with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Q has the
+noise of the torques, through the step's own Jacobian, the drift of what is followed, and the slip of the bristle:
+(slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for certain,
+while one that slides by more than z_s in a sample has it at its end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.statistics import QUANTILE_95
+from elastid.friction.dynamic import Bristle
+from elastid.friction.law import Curve
+from elastid.friction_study.filter_spec import Followed
+from elastid.simulation.dynamics import runge_kutta_step
+
+
+@dataclass(frozen=True)
+class FollowedJoint:
+    """Inertias, spring and damper, and the friction from which a filter starts; all on one side of the gear, SI.
+
+    link_inertia, stiffness, damping: 0 for a joint that is rigid, with all of its inertia in motor_inertia.
+    stiction_ratio: F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: what changes.
+    correlation_s: time constant of the torque noise w, 0 for none.
+    """
+
+    motor_inertia: float
+    coulomb: float
+    viscous: float
+    bristle_stiffness: float
+    followed: tuple[Followed, ...] = ("Fc", "f", "offset")
+    link_inertia: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    stiction_ratio: float = 1.0
+    stribeck_velocity: float = 0.0
+    bristle_damping: float = 0.0
+    correlation_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse half an elastic joint, and viscous friction followed twice."""
+        if (self.stiffness > 0) != (self.link_inertia > 0):
+            raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
+        if "f" in self.followed and {"f+", "f-"} & set(self.followed):
+            raise ValueError("viscous friction is followed as one number (f) or one a direction (f+, f-), not both")
+        if self.stiction_ratio > 1 and self.stribeck_velocity <= 0:
+            raise ValueError("stiction above Coulomb friction needs stribeck_velocity, over which it falls")
+
+    @property
+    def is_elastic(self) -> bool:
+        """True if motor and link move apart."""
+        return self.stiffness > 0
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The names of the states x, in order: angles, velocities, bristle, correlated noise, what is followed."""
+        mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
+        return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
+
+    def start_of(self, name: Followed) -> float:
+        """The number from which a followed one starts, not its logarithm."""
+        return {"Fc": self.coulomb, "offset": 0.0}.get(name, self.viscous)
+
+    def step(self, rate_hz: float) -> ca.Function:
+        """(x (n,), u, g) -> x (n,) one sample later; torque held, the noise w its mean.
+
+        One Runge-Kutta step, the bristle by its exact update.
+        """
+        names = self.states
+        x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
+        at = dict(zip(names, ca.vertsplit(x), strict=True))
+        n_q = 2 if self.is_elastic else 1
+        curve = self._curve(at)
+        law = Bristle(self.bristle_stiffness, self.bristle_damping)
+        noise = at.get("w", 0.0)
+
+        def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
+            motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(at, v[0])
+            load = g + at.get("offset", 0.0)
+            if not self.is_elastic:
+                return (motor - load) / self.motor_inertia
+            spring = self.stiffness * (q[0] - q[1]) + self.damping * (v[0] - v[1])
+            return ca.vertcat((motor - spring) / self.motor_inertia, (spring - load) / self.link_inertia)
+
+        def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
+            return law.advanced(v[0], z, curve, step)
+
+        q, v, z = runge_kutta_step(acceleration, advanced, x[:n_q], x[n_q : 2 * n_q], at["z"], [u, u, u], 1 / rate_hz)
+        faded = [at["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in at else []
+        following = ca.vertcat(q, v, z, *faded, *(at[name] for name in self.followed))
+        return ca.Function("step", [x, u, g], [following], ["x", "u", "g"], ["next"])
+
+    def _curve(self, at: dict[str, ca.SX]) -> Curve:
+        """Sliding friction at the F_c that is followed."""
+        coulomb = ca.exp(at["Fc"]) if "Fc" in at else self.coulomb
+        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
+        return Curve(coulomb, self.stiction_ratio * coulomb, inverse)
+
+    def _viscous(self, at: dict[str, ca.SX], v: ca.SX) -> ca.SX:
+        """f v, or f+ and f- of the two directions."""
+        if "f" in at:
+            return ca.exp(at["f"]) * v
+        forwards, backwards = (ca.exp(at[name]) if name in at else self.viscous for name in ("f+", "f-"))
+        return forwards * ca.fmax(v, 0) + backwards * ca.fmin(v, 0)
+
+
+# How far the bristle's deflection may be off for each length z_s = F_c / sigma_0 that it has slipped, as a random walk:
+# a filter that takes its bristle for certain gets F_c wrong at every stop.
+SLIP_NOISE = 0.1
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """Standard deviations of what a filter does not know, one side of the gear, SI.
+
+    angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
+    correlated: of w, in torque.  link: of a sample of the link's torque.  drift: of what is followed, in a root second;
+    of the logarithms relative.  slip: of the bristle in z_s, for each z_s of slip.
+    """
+
+    angle: float
+    torque: float
+    correlated: float = 0.0
+    link: float = 0.0
+    drift: Mapping[str, float] = field(default_factory=dict)
+    slip: float = SLIP_NOISE
+
+    def vector(self, joint: FollowedJoint, rate_hz: float) -> FloatArray:
+        """The arguments (5 + n_followed,) of a filter's step: variances of a sample."""
+        fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
+        drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
+        return np.array(
+            [self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.link**2, self.slip**2, *drift]
+        )
+
+    def scaled(self, **factors: float) -> FilterNoise:
+        """With some of angle, torque, correlated, link multiplied by factors."""
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
+
+
+def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
+    """(x (n,), P (n, n), u, g, y, noise (5 + n_followed,)) -> (x, P, innovation e, its variance S).
+
+    u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
+    """
+    names = joint.states
+    n = len(names)
+    x, P = ca.SX.sym("x", n), ca.SX.sym("P", n, n)
+    u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
+    noise = ca.SX.sym("noise", 5 + len(joint.followed))
+    predicted = joint.step(rate_hz)(x, u, g)
+    F = ca.jacobian(predicted, x)
+    spread = _symmetric(F @ _symmetric(P) @ F.T + _process_noise(joint, rate_hz, predicted, x, u, g, noise))
+    S = spread[0, 0] + noise[0]
+    gain = spread[:, 0] / S
+    e = y - predicted[0]
+    kept = ca.SX.eye(n)
+    kept[:, 0] -= gain
+    joseph = _symmetric(kept @ spread @ kept.T + noise[0] * gain @ gain.T)
+    return ca.Function(
+        "filter_step",
+        [x, P, u, g, y, noise],
+        [predicted + gain * e, joseph, e, S],
+        ["x", "P", "u", "g", "y", "noise"],
+        ["x_next", "P_next", "innovation", "variance"],
+        {"cse": True},
+    )
+
+
+def _process_noise(
+    joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, g: ca.SX, noise: ca.SX
+) -> ca.SX:
+    """Q (n, n)."""
+    names = joint.states
+    by_u, by_g = ca.jacobian(predicted, u), ca.jacobian(predicted, g)
+    coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
+    z_s = coulomb / joint.bristle_stiffness
+    slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
+    own = ca.SX.zeros(len(names))
+    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped)
+    if "w" in names:
+        own[names.index("w")] = noise[2]
+    for i, name in enumerate(joint.followed):
+        own[names.index(name)] = noise[5 + i]
+    return noise[1] * by_u @ by_u.T + noise[3] * by_g @ by_g.T + ca.diag(own)
+
+
+def _symmetric(A: ca.SX) -> ca.SX:
+    """The lower triangle and its mirror, so that half of the entries are computed."""
+    return ca.tril2symm(ca.tril(A))
+
+
+# Samples that one call of the compiled loop takes.
+PIECE = 1000
+# What is known of friction before the first sample: relative std, and of the offset as a share of F_c.
+PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
+
+
+@frozen_value
+class JointSamples:
+    """Torque and load (n,), each held until the sample's end, and the motor's angle (n,) there; one side, SI."""
+
+    torque: FloatArray
+    load: FloatArray
+    angle: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check that they belong together."""
+        if not len(self.torque) == len(self.load) == len(self.angle):
+            raise ValueError("a filter takes as many torques and loads as angles")
+        if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):
+            raise DataError("a filter's samples have NaN or infinite values; mend the gaps of the log first")
+
+
+@frozen_value
+class Estimate:
+    """State of a filter after a sample: states x (n,) and their covariance P (n, n)."""
+
+    x: FloatArray
+    P: FloatArray
+
+
+@frozen_value
+class Track:
+    """A filter over n samples: states (n, n_x), their variances (n, n_x), covariance of what is followed (n, p, p).
+
+    innovation, variance (n,): what the angle was off from its prediction, and the variance that the filter expected.
+    """
+
+    joint: FollowedJoint
+    rate_hz: float
+    x: FloatArray
+    std: FloatArray
+    followed_covariance: FloatArray
+    innovation: FloatArray
+    variance: FloatArray
+    last: Estimate
+
+    @property
+    def nis(self) -> FloatArray:
+        """e^2 / S (n,): chi-squared of one degree of freedom where the filter's noise is right."""
+        return np.asarray(self.innovation**2 / self.variance)
+
+    def values(self, name: str) -> FloatArray:
+        """A state over time (n,); of a followed logarithm the number itself."""
+        column = self.x[:, self.joint.states.index(name)]
+        return column if name not in self.joint.followed or name == "offset" else np.exp(column)
+
+    def band(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """The 95 % interval of a state over time, each (n,)."""
+        i = self.joint.states.index(name)
+        low, high = (self.x[:, i] + sign * QUANTILE_95 * self.std[:, i] for sign in (-1, 1))
+        if name not in self.joint.followed or name == "offset":
+            return low, high
+        return np.exp(low), np.exp(high)
+
+
+def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Estimate:
+    """At rest at an angle, the spring bent by the load, the bristle anywhere, friction within PRIOR of the joint's."""
+    names = joint.states
+    bend = joint.coulomb / joint.bristle_stiffness
+    start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
+    std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
+    for name in joint.followed:
+        start[name] = 0.0 if name == "offset" else float(np.log(joint.start_of(name)))
+        std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
+    x = np.array([start.get(name, 0.0) for name in names])
+    return Estimate(x, np.diag([std[name] ** 2 for name in names]))
+
+
+class KalmanFilter:
+    """A joint's filter at a rate, compiled once; run(...) carries an estimate over samples."""
+
+    def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
+        """Compile the step, alone and as a loop of PIECE samples."""
+        self.joint, self.rate_hz = joint, rate_hz
+        self._step = filter_step(joint, rate_hz)
+        self._loop = self._step.mapaccum("filter", PIECE, 2)
+
+    def run(self, samples: JointSamples, noise: FilterNoise, start: Estimate) -> Track:
+        """The track over samples, from what was known before them."""
+        n, n_x = len(samples.angle), len(self.joint.states)
+        given = noise.vector(self.joint, self.rate_hz)
+        x, P = np.empty((n, n_x)), np.empty((n, n_x, n_x))
+        e, S = np.empty(n), np.empty(n)
+        estimate = start
+        for piece in _pieces(n):
+            out = self._piece(samples, piece, given, estimate)
+            x[piece], P[piece], e[piece], S[piece] = out
+            estimate = Estimate(x[piece.stop - 1].copy(), P[piece.stop - 1].copy())
+        first = n_x - len(self.joint.followed)
+        variances = np.diagonal(P, axis1=1, axis2=2)
+        return Track(self.joint, self.rate_hz, x, np.sqrt(variances), P[:, first:, first:].copy(), e, S, estimate)
+
+    def stream(self, pieces: Iterable[JointSamples], noise: FilterNoise, start: Estimate) -> Iterator[Track]:
+        """A track of each piece of a log too long to hold, each from the end of the one before."""
+        estimate = start
+        for samples in pieces:
+            track = self.run(samples, noise, estimate)
+            estimate = track.last
+            yield track
+
+    def _piece(
+        self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """States, covariances, innovations and variances of a slice of at most PIECE samples."""
+        count, n_x = piece.stop - piece.start, len(start.x)
+        rows = [part[piece][None, :] for part in (samples.torque, samples.load, samples.angle)]
+        function = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
+        x, P, e, S = function(start.x, start.P, *rows, ca.repmat(ca.DM(noise), 1, count))
+        covariance = P.full().reshape(n_x, count, n_x).transpose(1, 0, 2)
+        return x.full().T, covariance, e.full().ravel(), S.full().ravel()
+
+
+def _pieces(n: int) -> list[slice]:
+    """Slices of at most PIECE samples."""
+    return [slice(i, min(i + PIECE, n)) for i in range(0, n, PIECE)]

@@ -1,0 +1,309 @@
+"""Levels and records of a friction study -> the friction of each joint: law, presliding, warm-up, table of numbers.
+
+The law of a joint as a whole, as a robot's file has it, has sliding from passes or a motion, and before it Maxwell slip
+from loops, bristles from responses at rest, or LuGre friction by multiple shooting. A part that fails leaves a note in
+its place: the rest of the friction does not depend on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, FitError
+from elastid.base.note import Note
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.lugre_shooting import JointLog, LuGreFit, Prior, fit_lugre
+from elastid.friction_study.motion import MotionFriction
+from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
+from elastid.friction_study.result import (
+    FrictionNumber,
+    FrictionResult,
+    JointFriction,
+    JointLevels,
+    Status,
+    Truth,
+    numbers_at_rest,
+    numbers_of_bristles,
+    numbers_of_heat,
+    numbers_of_law,
+    numbers_of_motion,
+    true_numbers,
+)
+from elastid.friction_study.spec import FrictionSpec, LawSpec
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_of
+from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
+from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
+from elastid.simulation.elastic_joint import ElasticJoint
+from elastid.simulation.held_joint import held_joint
+
+# Numbers of a joint that the sentence on it has.
+SAID = 4
+
+
+def identify_friction(
+    robot: Robot,
+    levels: Sequence[JointLevels],
+    measured: FrictionRecords,
+    spec: FrictionSpec,
+    truth: Robot | None = None,
+) -> FrictionResult:
+    """The friction of all joints; truth: the robot that was simulated.
+
+    Raises FitError where a part of the law that is asked for (`yes`) cannot be told.
+    """
+    joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
+    status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
+    if all(joint.friction is None for joint in joints):
+        status = "failed"
+    return FrictionResult(joints, measured.notes, status, "; ".join(map(_sentence, joints)))
+
+
+def _joint(
+    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
+) -> JointFriction:
+    """All parts of one joint."""
+    name, passes = found.joint, found.levels
+    static = StaticLaw.of(_of_loads(passes.levels, measured.of(name, "passes")), spec.law) if passes else None
+    loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
+    before = find_before_sliding(robot, loops, rest, passes, static, spec)
+    warm_up, thermal, notes = _heat(name, measured, static)
+    friction, viscous, refused = _law(found, static, before, spec)
+    true = {} if truth is None else true_numbers(truth, name, static)
+    numbers = {each.name: each for each in _numbers(found, static, before, true)}
+    if warm_up is not None and thermal is not None:
+        numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
+    held = static.held if static is not None else found.motion.held if found.motion is not None else ()
+    return JointFriction(
+        name, found.slides, passes, found.motion, static, before.presliding, before.loops, before.at_rest,
+        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, found.example,
+        (*found.notes, *before.notes, *notes, *refused),
+    )  # fmt: skip
+
+
+def _of_loads(levels: Levels, records: Sequence[FrictionRecord]) -> Levels:
+    """The levels, of one load under their mean load: what its paths differ in goes with the speed and tells no load."""
+    if len({record.load for record in records}) > 1:
+        return levels
+    return replace(levels, load=np.full_like(levels.load, levels.load.mean()))
+
+
+def _law(
+    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, spec: FrictionSpec
+) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
+    """The law and the viscous friction beside it; a note where the numbers are those of no contact."""
+    try:
+        law = joint_law(static, found.motion, before, spec.law)
+        if law is not None:
+            law[0].check_passive(law[1], found.slides)
+    except ValueError as error:
+        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels tell them better"
+        return None, None, (Note("no-law", text, f"joint {found.joint}"),)
+    return (*(law or (None, None)), ())
+
+
+def _numbers(
+    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, truth: Truth
+) -> Iterator[FrictionNumber]:
+    """The table; of a number that two experiments tell the later one counts, passes more than a motion."""
+    if static is not None:
+        yield from numbers_of_law(found.joint, static, truth)
+    if found.motion is not None:
+        yield from _beside(numbers_of_motion(found.joint, found.motion, truth), static)
+    if before.at_rest is not None:
+        yield from numbers_at_rest(found.joint, before.at_rest, found.slides, truth)
+    if before.bristles is not None:
+        yield from numbers_of_bristles(found.joint, before.bristles, found.slides, truth)
+
+
+def _beside(numbers: Iterator[FrictionNumber], static: StaticLaw | None) -> Iterator[FrictionNumber]:
+    """Numbers of a motion that are no friction, and all where no passes tell friction."""
+    return (each for each in numbers if static is None or each.symbol in ("J", "o", "G", "H"))
+
+
+def _heat(
+    joint: str, measured: FrictionRecords, static: StaticLaw | None
+) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
+    """The joint's warm-up with its thermal model, or the note on why there is none."""
+    log = next((log for log in measured.warm_ups if log.joint == joint), None)
+    if log is None:
+        return None, None, ()
+    try:
+        warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
+        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up)), ()
+    except (DataError, FitError) as error:
+        return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
+
+
+def _sentence(joint: JointFriction) -> str:
+    parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:SAID]]
+    return f"joint {joint.joint}: {', '.join(parts) or 'nothing was found'}"
+
+
+# Of the largest damping velocity with which a LuGre law is passive.
+PASSIVE_SHARE = 0.9
+
+
+def joint_law(
+    static: StaticLaw | None, motion: MotionFriction | None, before: BeforeSliding, spec: LawSpec
+) -> tuple[Friction, float] | None:
+    """Friction and the viscous friction beside it, link side; None where neither passes nor a motion tell it."""
+    if static is not None:
+        friction, viscous = static.to_friction(), static.viscous
+    elif motion is not None and motion.chosen["coulomb"] > 0:
+        friction, viscous = _of_motion(motion)
+    else:
+        return None
+    if before.presliding is not None:
+        return replace(friction, maxwell_slip=before.presliding.few.to_maxwell_slip()), viscous
+    if spec.presliding in ("auto", "lugre"):
+        return replace(friction, lugre=_lugre(before.bristles, before.at_rest, friction.coulomb)), viscous
+    return friction, viscous
+
+
+def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
+    """Coulomb and viscous friction of a motion, in the range of its plateaus."""
+    fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
+    apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
+    speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
+    measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
+    return Friction(fit["coulomb"], directions=Directions(**apart) if apart else None, measured=measured), viscous
+
+
+def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre | None:
+    """sigma_0 and sigma_1, the damping falling with velocity so that the law supplies no energy."""
+    if shot is not None:
+        stiffness, damping = shot.values["sigma_0"], shot.values["sigma_1"]
+    elif rest is not None and rest.sigma_0 > 0:
+        stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
+    else:
+        return None
+    falling = PASSIVE_SHARE * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
+    return LuGre(stiffness, damping, falling)
+
+
+# Damping of bristles over sqrt(stiffness times inertia), from which a search begins.
+START_DAMPING = 0.3
+
+
+@dataclass(frozen=True)
+class BeforeSliding:
+    """loops: the log of `presliding`.  bristles: a LuGre law by shooting.  notes: on what failed."""
+
+    loops: Loops | None = None
+    presliding: Presliding | None = None
+    at_rest: AtRest | None = None
+    bristles: LuGreFit | None = None
+    notes: tuple[Note, ...] = ()
+
+
+def find_before_sliding(
+    robot: Robot,
+    loops: Sequence[FrictionRecord],
+    rest: Sequence[FrictionRecord],
+    levels: PassLevels | None,
+    static: StaticLaw | None,
+    spec: FrictionSpec,
+) -> BeforeSliding:
+    """All that the records of one joint tell; levels, static: what its passes told."""
+    notes, law = list[Note](), spec.law
+    at_rest = _at_rest(robot, rest, static, notes) if rest else None
+    if not loops or law.presliding == "no":
+        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
+    log = _loops(loops[0], spec)
+    if law.presliding == "lugre":
+        bristles = _bristles(robot, loops[0], levels, static, at_rest, notes)
+        return BeforeSliding(log, None, at_rest, bristles, tuple(notes))
+    try:
+        return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
+    except DataError as error:
+        notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
+        return BeforeSliding(None, None, at_rest, None, tuple(notes))
+
+
+def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
+    """The log; its first half loop only tells the elements where they start."""
+    if spec.presliding is not None:
+        frequency_hz = spec.presliding.frequency_hz
+    else:
+        about = record.torque - record.torque.mean()
+        frequency_hz = max(1.0, np.sum(np.diff(np.sign(about)) != 0) / 2) / record.duration_s
+    settled = round(record.rate_hz / frequency_hz / 2)
+    return Loops(
+        f"joint {record.joint}", record.rate_hz, record.position, record.torque, float(frequency_hz),
+        record.resolution, settled,
+    )  # fmt: skip
+
+
+def _at_rest(
+    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None, notes: list[Note]
+) -> AtRest | None:
+    joint = records[0].joint
+    viscous = (0.0, 0.0)
+    if static is not None and "viscous" in static.names:
+        i = static.names.index("viscous")
+        viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
+    try:
+        spring = _held(robot, records[0])
+        return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
+    except (DataError, FitError) as error:
+        notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
+        return None
+
+
+def _held(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
+    """The joint with its spring, the others held; None for a rigid one."""
+    angles = np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
+    return held_joint(robot, record.joint, angles)
+
+
+def _bristles(
+    robot: Robot,
+    record: FrictionRecord,
+    levels: PassLevels | None,
+    static: StaticLaw | None,
+    rest: AtRest | None,
+    notes: list[Note],
+) -> LuGreFit | None:
+    """LuGre by multiple shooting through the joint's spring, what passes and responses at rest told beforehand."""
+    spring = _held(robot, record)
+    if spring is None or static is None or levels is None or record.resolution <= 0:
+        text = (
+            "a LuGre law by shooting takes passes, a joint with a linear spring of its own and the resolution of its "
+            "encoder; give what is missing, or take law.presliding: maxwell_slip"
+        )
+        notes.append(Note("no-bristles", text, f"record {record.name}"))
+        return None
+    prior = Prior.of_law(static) if rest is None else Prior.of_law(static).with_other(Prior.of_rest(rest))
+    torque = record.torque - _held_torque(levels, record.position)
+    log = JointLog(
+        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
+        max(levels.residual_rms, _white_std(torque), 1e-12), record.resolution / np.sqrt(12),
+    )  # fmt: skip
+    stiffness = float(np.ptp(torque) / np.ptp(record.position))
+    damping = START_DAMPING * np.sqrt(stiffness * spring.motor_inertia)
+    start = {"sigma_0": stiffness, "sigma_1": damping, "coulomb": static.values["coulomb"], "viscous": static.viscous}
+    start |= {"stiction": static.values.get("stiction", static.values["coulomb"])}
+    start |= {"stribeck_velocity": static.values.get("stribeck_velocity", float(static.levels.speed.max()))}
+    try:
+        return fit_lugre(log, spring, start, prior, exponent=static.fit.values.get("exponent", 2.0))
+    except (FitError, DataError) as error:
+        notes.append(Note("no-bristles", str(error), f"record {record.name}"))
+        return None
+
+
+def _white_std(signal: FloatArray) -> float:
+    """Of white noise on a slow signal, by its second differences."""
+    return float(np.std(np.diff(signal, 2)) / np.sqrt(6))
+
+
+def _held_torque(levels: PassLevels, position: FloatArray) -> FloatArray:
+    """Gravity and offset (n,), as the passes of the joint have them."""
+    cos, sin, offset = (levels.shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
+    return np.asarray(cos * np.cos(position) + sin * np.sin(position) + offset)

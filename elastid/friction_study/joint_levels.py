@@ -1,0 +1,291 @@
+r"""Records of a friction study -> levels of passes and regressions of motions, joint by joint.
+
+Logs of motions -> for each joint the regression of its motions, and the passes that they hold.
+
+A joint that moved alone is regressed with its inertia and gravity, joints that moved together beside the rigid body
+that they carry; the passes of the latter are free of it.
+
+Of a joint alone the robot's file has gravity and inertia, to which logs are compared:
+
+.. math:: J = J_m n^2 + M_{jj}(q)
+
+An angle or a torque of the motor that is taken for one of the joint makes the inertia of a log wrong by the ratio n of
+the gear, both by n^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
+from elastid.friction_study.levels import levels_of_records
+from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.pass_checks import angle_note, check_counts
+from elastid.friction_study.passes import passes_of
+from elastid.friction_study.plateaus import SAME_SPEED, detect_passes, lone_plateaus
+from elastid.friction_study.result import JointLevels
+from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
+from elastid.model.rigid_body import inverse_dynamics
+from elastid.record import Configuration
+from elastid.robot import Joint, Robot
+
+
+def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
+    """Levels and motions of each joint that was measured.
+
+    Raises DataError where passes or motions of a joint cannot be evaluated, and where a joint has neither.
+    """
+    motions = evaluate_motions(robot, joints, measured)
+    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name)) for joint in joints)
+
+
+def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion | None) -> JointLevels:
+    # Test passes of a warm-up tell what temperature does; without a thermometer they are at unlike conditions.
+    planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
+    records = [*planned, *(motion.passes if motion is not None else ())]
+    own = [record for record in measured.records if record.joint == joint.name]
+    notes = [note for record in own for note in record.notes]
+    notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
+    if motion is not None:
+        notes += motion.notes
+    friction = motion.friction if motion is not None else None
+    if not records and friction is None:
+        raise DataError(
+            f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
+            "record them"
+        )
+    if not records:
+        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
+    against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
+    has_gravity = against or (motion is not None and motion.has_gravity)
+    found = levels_of_records(records, has_gravity, motor_turn(joint))
+    passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
+    by_angle = angle_note(passes, found.shared.get("inertia", (0.0, 0.0))[0])
+    notes += [*found.notes, *([] if by_angle is None else [by_angle])]
+    return JointLevels(joint.name, joint.slides, found, friction, _example(records), tuple(notes))
+
+
+def motor_turn(joint: Joint) -> float:
+    """Angle (path) of the joint for one turn of its motor."""
+    return 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0
+
+
+def _example(records: Sequence[FrictionRecord]) -> FrictionRecord:
+    """The pass of the middle speed."""
+    ordered = sorted(records, key=lambda record: record.speed or 0.0)
+    return ordered[len(ordered) // 2]
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Of one joint: the regression (None where its logs cannot tell it), the passes in its logs, and notes.
+
+    has_gravity: whether gravity that changes with the angle is in the passes.
+    """
+
+    friction: MotionFriction | None
+    passes: tuple[FrictionRecord, ...]
+    has_gravity: bool
+    notes: tuple[Note, ...]
+
+
+def evaluate_motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
+    """The motions of each joint that has some; where it moved alone and with others, alone counts.
+
+    Raises DataError where the logs of a joint give neither a regression nor passes, where torque and angle are of
+    different sides, and where friction drives.
+    """
+    logs: dict[str, dict[str, FrictionRecord]] = {}
+    for record in measured.records:
+        if record.purpose == "motion":
+            logs.setdefault(record.name, {})[record.joint] = record
+    found = _together(robot, [log for log in logs.values() if len(log) > 1])
+    for joint in joints:
+        alone = [log[joint.name] for log in logs.values() if len(log) == 1 and joint.name in log]
+        if alone:
+            found[joint.name] = _alone(robot, joint, alone)
+    return found
+
+
+def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
+    against = turns_against_gravity(robot, joint, records[0].configuration)
+    problems: list[str] = []
+    passes: list[FrictionRecord] = []
+    notes: list[Note] = []
+    friction = None
+    for record in records:
+        try:
+            passes += (own := detect_passes(record, against))
+            notes += lone_plateaus(record, own)
+        except DataError as error:
+            problems.append(str(error))
+    try:
+        friction = regress_motion(*(_motion(record, against) for record in records))
+    except DataError as error:
+        problems.append(str(error))
+    enough = _enough(passes)
+    if friction is None and not enough:
+        raise DataError(problems[0])
+    if friction is not None:
+        inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
+        check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
+    notes += [Note("not-evaluated", problem) for problem in problems]
+    return JointMotion(friction, enough, against, tuple(notes))
+
+
+def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:
+    """Logs of the same joints are regressed at once."""
+    groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
+    for log in logs:
+        groups.setdefault(tuple(log), []).append(log)
+    found: dict[str, JointMotion] = {}
+    for joints, members in groups.items():
+        robot_logs = [_robot_log(robot, log) for log in members]
+        for log, one in zip(members, robot_logs, strict=True):
+            measured = {joint: record.torque for joint, record in log.items()}
+            check_torques(robot, measured, torques_in_file(robot, one), next(iter(log.values())).place)
+        result = regress_robot_motion(robot, robot_logs)
+        for joint in joints:
+            records = [
+                replace(log[joint], torque=alone[joint].torque)
+                for log, alone in zip(members, result.alone, strict=True)
+            ]
+            passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
+            friction = result.friction[joint]
+            found[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
+    return found
+
+
+def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
+    """The passes where they tell more than the regression: of a stated speed, or of enough conditions for a curve."""
+    conditions = {
+        (
+            round(np.log(each.speed or 1.0) / SAME_SPEED),
+            each.load,
+            round(float(np.nan_to_num(each.mean_temperature)) / TEMPERATURE_STEP_K),
+        )
+        for each in passes
+    }
+    return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
+
+
+def _robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
+    first = next(iter(log.values()))
+    angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
+    resting = {
+        joint.name: float(angle) for joint, angle in zip(robot.driven, angles, strict=True) if joint.name not in log
+    }
+    return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
+
+
+def _motion(record: FrictionRecord, against_gravity: bool) -> Motion:
+    place = f"joint {record.joint}"
+    return Motion(place, record.rate_hz, record.position, record.torque, record.slides, against_gravity)
+
+
+# Gears below have sides that differ by no more than masses may be wrong.
+SMALLEST_RATIO = 10.0
+# Stds by which an inertia differs from the robot's before it counts.
+CERTAIN_STDS = 3.0
+# By so much an inertia may miss a power of the ratio.
+CLOSE_FACTOR = 4.0
+# Of a torque with that of the robot's file: below, friction or errors of the file make most of it.
+MIN_CORRELATION = 0.5
+# Of the largest torque of gravity at a joint, below which a change with its angle is rounding.
+ROUNDING = 1e-9
+# Angles at which gravity is compared: no two of them alike, whatever its phase.
+GRAVITY_ANGLES = (0.0, 1.1, 2.3)
+
+
+def check_sides(
+    robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
+) -> None:
+    """DataError where a measured inertia (kg m^2, of a slide kg) is wrong by as much as the ratio of the gear.
+
+    It counts where it is known, and close to a power of the ratio times the robot's.
+    """
+    if joint.motor is None or abs(joint.motor.ratio) < SMALLEST_RATIO:
+        return
+    ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
+    wrong = inertia / known if known > 0 else 1.0
+    if abs(inertia - known) < CERTAIN_STDS * std or wrong <= 0:
+        return
+    power = round(math.log(wrong) / math.log(ratio))
+    if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(CLOSE_FACTOR):
+        return
+    unit = "kg" if joint.slides else "kg*m^2"
+    many = "torque and angle are" if abs(power) > 1 else "either torque or angle is"
+    advice = (
+        f"{many} of the motor: give the channel side: motor"
+        if wrong < 1
+        else f"{many} of the joint, but marked side: motor: leave that out"
+    )
+    raise DataError(
+        f"{place}: the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
+        f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit"
+    )
+
+
+def check_torques(
+    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
+) -> None:
+    """DataError where torques (n,) by joint are as small or large as those of the other side of the gears.
+
+    expected: by the robot's file.  Joints count whose torque follows it, and the middle one of them decides.
+    """
+    powers = []
+    for joint, torque in measured.items():
+        known, ratio = expected[joint], abs(robot.ratio(joint))
+        size = float(np.linalg.norm(known))
+        follows = float(torque @ known) / max(size * float(np.linalg.norm(torque)), 1e-300)
+        if ratio >= SMALLEST_RATIO and follows > MIN_CORRELATION:
+            powers.append(math.log(float(torque @ known) / size**2) / math.log(ratio))
+    power = float(np.median(powers)) if powers else 0.0
+    if round(power) == 0:
+        return
+    advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
+    raise DataError(
+        f"{place}: torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file by about the "
+        f"ratios of the gears (in the middle, by their power {power:.2f}): they are {advice}, or correct their unit"
+    )
+
+
+def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
+    """True if the torque of gravity at a joint changes with its angle, the others held; of a robot with loops yes."""
+    if joint.slides:
+        return False
+    if robot.loops:
+        return True
+    names = [each.name for each in robot.joints]
+    theta = np.array([value for value, _ in robot.parameters().values()])
+    tau, zero = inverse_dynamics(robot), np.zeros(len(names))
+    held = np.zeros(len(names))
+    if posture is not None:
+        held[list(robot.driven_indices)] = posture.angles
+    turned = held + np.outer(GRAVITY_ANGLES, np.array([name == joint.name for name in names]))
+    found = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
+    return bool(np.ptp(found) > ROUNDING * max(1.0, *map(abs, found)))
+
+
+def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
+    """Inertia that a motor drives with the others held, link side; of a robot with loops the rotor's alone."""
+    motor = joint.motor
+    rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
+    if robot.loops:
+        return rotor
+    names = [each.name for each in robot.joints]
+    q, zero, one = np.zeros((3, len(names)))
+    one[names.index(joint.name)] = 1.0
+    if posture is not None:
+        q[list(robot.driven_indices)] = posture.angles
+    theta, tau = [value for value, _ in robot.parameters().values()], inverse_dynamics(robot)
+    torque = np.asarray(tau(q, zero, one, theta)) - np.asarray(tau(q, zero, zero, theta))
+    return rotor + float(torque[names.index(joint.name), 0])

@@ -1,0 +1,196 @@
+r"""Least squares of the laws of friction: one search, one covariance, one F test; regression beside a rigid body.
+
+Of residuals of variance 1 a nonlinear search ends at :class:`Optimum`. Regressions of the numbers of friction beside
+those of the rigid body have residuals that are not white:
+
+.. math:: y_j(t) = X_j(t)\, \beta + R_j(t)\, \pi + e_j(t)
+
+for the torques of m joints in one log or several. R, the columns of everything that is no friction, is taken out of X
+and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need not be identifiable. Joints are weighted
+by what is left of their torques. The covariance of beta is Newey and West's (Econometrica 55, 1987): neither time nor
+joints are taken for independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.statistics import f_test
+
+# Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
+FALSE_ALARM = 0.01
+# Directions of R below this share of its largest are none.
+RANK_TOLERANCE = 1e-6
+# Repetitions of weights and solution.
+WEIGHT_STEPS = 5
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Unknowns x (n,) of the least sum of squares `cost` of m residuals, whose Jacobian there is J (m, n)."""
+
+    x: FloatArray
+    cost: float
+    J: FloatArray
+
+    @property
+    def dof(self) -> int:
+        """Residuals more than unknowns."""
+        return len(self.J) - len(self.x)
+
+    @property
+    def condition(self) -> float:
+        """Of the Jacobian with columns of unit length; infinite where an unknown has no effect or is lost."""
+        size = np.linalg.norm(self.J, axis=0)
+        if not np.all(np.isfinite(self.x)) or size.min() == 0:
+            return np.inf
+        return float(np.linalg.cond(self.J / size))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
+        return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
+
+
+def minimise(
+    residual: Callable[[FloatArray], FloatArray], starts: Iterable[FloatArray], **settings: Any
+) -> tuple[Optimum, ...]:
+    """The ends of the searches from some starts, without those that fail; settings: of SciPy's least_squares."""
+    ends = []
+    for start in starts:
+        try:
+            end = least_squares(residual, start, **settings)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        ends.append(Optimum(end.x, 2 * float(end.cost), end.jac))
+    return tuple(ends)
+
+
+def inverse_normal(J: FloatArray) -> FloatArray:
+    """(J^T J)^-1 (n, n) by columns of unit length; infinite variances where the data do not reach."""
+    size = np.linalg.norm(J, axis=0)
+    size[size < 1e-100] = 1.0  # no column: its square underflows
+    _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
+    known = s > 1e-12 * s.max()
+    inverse = (Vt[known].T / s[known] ** 2) @ Vt[known]
+    reach = np.sum(Vt[~known] ** 2, axis=0) > 1e-6
+    inverse[reach, reach] = np.inf
+    return np.asarray(inverse / np.outer(size, size))
+
+
+def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
+    """Chance that `added` further terms lower the cost from `narrow` to `wide`, with `dof` left, without being there.
+
+    By an F test, of residuals whose variance is 1 or as much larger as they scatter.
+    """
+    return f_test(narrow - wide, added, max(wide, dof), dof)
+
+
+@frozen_value
+class Equations:
+    """Of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m)."""
+
+    X: FloatArray
+    R: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Numbers by name with their covariance, and the norm of what they leave over that of the torque.
+
+    correlation: of a residual with the next.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    relative_error: float
+    sum_of_squares: float
+    correlation: float
+
+    def __getitem__(self, name: str) -> float:
+        """A number."""
+        return float(self.values[self.names.index(name)])
+
+    def std(self, name: str) -> float:
+        """Its std."""
+        i = self.names.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """beta (n_x,), pi (n_r,), covariance of beta (n_x, n_x), and of the joints (m,) what Regression has of one."""
+
+    beta: FloatArray
+    pi: FloatArray
+    covariance: FloatArray
+    relative_error: FloatArray
+    sum_of_squares: FloatArray
+    correlation: FloatArray
+
+    def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
+        """The chosen numbers, those of one joint."""
+        return Regression(
+            tuple(names),
+            self.beta[list(chosen)],
+            self.covariance[np.ix_(chosen, chosen)],
+            float(self.relative_error[joint]),
+            float(self.sum_of_squares[joint]),
+            float(self.correlation[joint]),
+        )
+
+
+def solve(logs: Sequence[Equations], lags: int) -> Solution:
+    """The numbers that all logs share; residuals may be correlated over some lags."""
+    X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
+    (n, m), n_x = y.shape, X.shape[2]
+    weight = np.ones(m)
+    for _ in range(WEIGHT_STEPS if m > 1 else 1):
+        flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
+        flat_y = (weight * y).ravel()
+        basis = _basis(flat_R)
+        free_X, free_y = (columns - basis @ (basis.T @ columns) for columns in (flat_X, flat_y))
+        size = np.linalg.norm(free_X, axis=0)
+        size[size == 0] = 1.0
+        beta = np.linalg.lstsq(free_X / size, free_y, rcond=None)[0] / size
+        left = (free_y - free_X @ beta).reshape(n, m)
+        weight = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-300)
+    scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
+    parts = np.split(scores, np.cumsum([len(log.y) for log in logs])[:-1])
+    bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
+    covariance = bread @ sum(_long_run(part, lags) for part in parts) @ bread / np.outer(size, size)
+    correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
+    # What the numbers take out of the residuals, of which so many are independent.
+    independent = float(np.sum(n * (1 - correlation) / (1 + correlation)))
+    covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
+    size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
+    pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
+    squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
+    relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
+    return Solution(beta, pi, np.asarray(covariance), relative, squares, correlation)
+
+
+def _basis(R: FloatArray) -> FloatArray:
+    """Orthonormal columns (n, rank) that span those of R (n, n_r)."""
+    size = np.linalg.norm(R, axis=0)
+    if not size.any():
+        return np.zeros((len(R), 0))
+    U, s, _ = np.linalg.svd(R[:, size > 0] / size[size > 0], full_matrices=False)
+    return np.asarray(U[:, s > RANK_TOLERANCE * s[0]])
+
+
+def _long_run(scores: FloatArray, lags: int) -> FloatArray:
+    """Sum of the autocovariances of scores (n, n_x) over the lags, Bartlett's window."""
+    total = scores.T @ scores
+    for lag in range(1, min(lags, len(scores) - 1) + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        total = total + (1 - lag / (lags + 1)) * (product + product.T)
+    return np.asarray(total)

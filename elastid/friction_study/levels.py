@@ -1,0 +1,296 @@
+"""Levels of friction from passes there and back: one number for each speed, direction, load and temperature.
+
+Under several loads gravity, inertia and offset are those of each load; friction is one curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.base.statistics import chi_square_tail
+from elastid.friction.static_terms import Conditions
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
+from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
+from elastid.friction_study.passes import Pass, PassRegression, passes_of
+
+# Columns (n,) of levels.
+COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")
+
+
+@frozen_value
+class Levels:
+    """Friction of one place at n conditions, each at steady sliding; numbers on the side of the place, SI.
+
+    speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
+    torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
+    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
+
+    Raises ValueError where shapes disagree, DataError for a level that cannot be: a speed of zero, no std, friction
+    that drives at every condition.
+    """
+
+    place: str
+    speed: FloatArray
+    direction: FloatArray
+    torque: FloatArray
+    std: FloatArray
+    load: FloatArray
+    temperature: FloatArray
+    slides: bool = False
+
+    def __post_init__(self) -> None:
+        """Check shapes and signs."""
+        columns = [getattr(self, name) for name in COLUMNS]
+        if len({column.shape for column in columns}) != 1 or self.speed.ndim != 1:
+            raise ValueError(f"levels of {self.place}: shapes {[column.shape for column in columns]} are not all (n,)")
+        for name, column in (("speed", self.speed), ("std", self.std)):
+            wrong = np.flatnonzero(~(np.isfinite(column) & (column > 0)))
+            if len(wrong):
+                raise DataError(
+                    f"levels of {self.place}: {name} of level {wrong[0]} is {column[wrong[0]]:g}; it must be positive: "
+                    "leave that level out, or state what is known of it"
+                )
+        if len(self.torque) and np.all(self.torque < 0):
+            raise DataError(
+                f"levels of {self.place}: friction drives at every speed (torque {self.torque.min():.4g} to "
+                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)"
+            )
+
+    @property
+    def n_levels(self) -> int:
+        """Number of conditions."""
+        return len(self.speed)
+
+    @property
+    def conditions(self) -> Conditions:
+        """At which the levels stand."""
+        return Conditions(self.speed, self.direction, self.load, self.temperature)
+
+    def select(self, chosen: BoolArray) -> Levels:
+        """The conditions that are chosen (n,)."""
+        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in COLUMNS}
+        return replace(self, **columns)
+
+
+# A level wider than this share of itself says nothing of friction.
+MAX_RELATIVE_STD = 0.2
+# Pairs are of one condition where their speeds are as close as this share, and their temperatures as these kelvins.
+SAME_SPEED, SAME_KELVIN = 0.03, 2.0
+
+
+@dataclass(frozen=True)
+class PassLevels:
+    """The levels, the parts of the torque that all passes share, and what was left out.
+
+    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.  turn: of the joint for
+    a turn of its motor, whose ripple is among them; 0 for none.
+    """
+
+    levels: Levels
+    shared: dict[str, tuple[float, float]]
+    residual_rms: float
+    notes: tuple[Note, ...]
+    turn: float = 0.0
+
+
+def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
+    """The levels of all pairs of one place, by direction.
+
+    has_gravity: whether its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
+    ripple is regressed too; 0 for none.
+    Raises DataError where a pair has one direction only, or no pair slides.
+    """
+    check_loads(passes)
+    used, notes = usable_passes(passes)
+    pairs = _pairs(used)
+    design = PassRegression.of(used, pairs, has_gravity, turn)
+    values, covariance, left = design.solve()
+    n_k = len(pairs)
+    g, o = values[:n_k], values[n_k : 2 * n_k]
+    conditions = [_condition(members) for members in pairs.values()]
+    scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
+    covariance = covariance * scale
+    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], conditions)
+    std = np.sqrt(np.diag(covariance)[:n_k])
+    known = std < MAX_RELATIVE_STD * np.abs(g)
+    notes += [
+        Note(
+            "level-unknown",
+            f"its level at {condition.speed:.3g} {_unit(used)} is {level:.3g} +- {error:.2g} {_torque_unit(used)} and "
+            "does not count: gravity, ripple or noise are too large beside it; repeat the pass, or make it longer",
+            f"pass {name}",
+        )
+        for name, condition, level, error, good in zip(pairs, conditions, g, std, known, strict=True)
+        if not good
+    ]
+    if not known.any():
+        raise DataError(f"passes of {used[0].place}: no level is known to {MAX_RELATIVE_STD:.0%}; {notes[-1]}")
+    names = design.shared
+    shared = {
+        name: (float(values[2 * n_k + i]), float(np.sqrt(covariance[2 * n_k + i, 2 * n_k + i])))
+        for i, name in enumerate(names)
+    } | {"offset": offset}
+    levels = _levels(used, conditions, g, std, uneven, known)
+    v, load = np.array([c.speed for c in conditions]), np.array([c.load for c in conditions])
+    notes += offset_steps(o, v, load, list(pairs), g, used[0].place, used[0].slides)
+    notes += gravity_note(shared, g, used[0].place, used[0].slides)
+    return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
+
+
+@dataclass(frozen=True)
+class _Condition:
+    speed: float
+    load: float
+    temperature: float
+
+
+def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
+    pairs: dict[str, list[Pass]] = {}
+    for each in passes:
+        pairs.setdefault(each.pair, []).append(each)
+    for name, members in pairs.items():
+        directions = {each.direction for each in members}
+        if len(directions) < 2:
+            word = "positive" if 1.0 in directions else "negative"
+            raise DataError(
+                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be told from gravity "
+                "and offset without the way back; record both directions"
+            )
+    return pairs
+
+
+def _condition(members: Sequence[Pass]) -> _Condition:
+    speeds = [float(np.abs(each.velocity).mean()) for each in members]
+    return _Condition(
+        float(np.mean(speeds)),
+        float(np.mean([each.load for each in members])),
+        float(np.mean([each.temperature for each in members])),
+    )
+
+
+def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Condition]) -> float:
+    """By what the variance of the levels is larger than stated: 1 where pairs of one condition scatter no more."""
+    keys = np.array([
+        (round(np.log(c.speed) / SAME_SPEED), round(c.load, 6), round(np.nan_to_num(c.temperature) / SAME_KELVIN))
+        for c in conditions
+    ])  # fmt: skip
+    squares, dof = 0.0, 0
+    for key in np.unique(keys, axis=0):
+        own = np.all(keys == key, axis=1)
+        if own.sum() < 2:
+            continue
+        w = 1 / std[own] ** 2
+        mean = np.sum(w * g[own]) / w.sum()
+        squares += float(np.sum(w * (g[own] - mean) ** 2))
+        dof += int(own.sum()) - 1
+    return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
+
+
+def _uneven(
+    o: FloatArray, covariance: FloatArray, conditions: Sequence[_Condition]
+) -> tuple[FloatArray, tuple[float, float]]:
+    """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
+
+    A slope of o over speed counts where an F test finds it; without one all of o is an offset.
+    """
+    v = np.array([condition.speed for condition in conditions])
+    W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
+    flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
+
+    def fitted(A: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        x, *_ = np.linalg.lstsq(W @ A, W @ o, rcond=None)
+        left = W @ (o - A @ x)
+        return np.asarray(x), np.asarray(np.linalg.pinv((W @ A).T @ (W @ A))), float(left @ left)
+
+    mean, of_mean, cost = fitted(flat)
+    scale = max(1.0, cost / max(1, len(o) - 1))
+    if len(o) > 3 and np.ptp(v) > 0:
+        line, of_line, less = fitted(sloped)
+        dof = len(o) - 2
+        if chance_of_terms(cost, less, 1, dof) < FALSE_ALARM:
+            scale = max(1.0, less / dof)
+            return line[1] * v, (float(line[0]), float(np.sqrt(scale * of_line[0, 0])))
+    return np.zeros_like(v), (float(mean[0]), float(np.sqrt(scale * of_mean[0, 0])))
+
+
+def _levels(
+    passes: Sequence[Pass],
+    conditions: Sequence[_Condition],
+    g: FloatArray,
+    std: FloatArray,
+    uneven: FloatArray,
+    known: BoolArray,
+) -> Levels:
+    """By direction where the directions differ, else their means."""
+    chosen = [c for c, good in zip(conditions, known, strict=True) if good]
+    g, std, uneven = g[known], std[known], uneven[known]
+    signs = (1.0, -1.0) if uneven.any() else (0.0,)
+    n = len(chosen)
+    return Levels(
+        passes[0].place,
+        np.tile([c.speed for c in chosen], len(signs)),
+        np.repeat(signs, n),
+        np.concatenate([g + s * uneven for s in signs]),
+        np.tile(std * np.sqrt(len(signs)), len(signs)),
+        np.tile([c.load for c in chosen], len(signs)),
+        np.tile([c.temperature for c in chosen], len(signs)),
+        passes[0].slides,
+    )
+
+
+def _unit(passes: Sequence[Pass]) -> str:
+    return "m/s" if passes[0].slides else "rad/s"
+
+
+def _torque_unit(passes: Sequence[Pass]) -> str:
+    return "N" if passes[0].slides else "N*m"
+
+
+def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
+    """The levels of all records of passes of a joint; `shared` is that of the first load.
+
+    Arguments and errors as `find_levels`.
+    """
+    loads = dict.fromkeys(record.load for record in records)
+    found = [
+        find_levels(
+            [each for record in records if record.load == load for each in passes_of(record)], has_gravity, turn
+        )
+        for load in loads
+    ]
+    if len(found) == 1:
+        return found[0]
+    levels = [one.levels for one in found]
+    if not all(each.direction.any() for each in levels):
+        # Directions that differ under one load alone are chance, or that load's own.
+        levels = [_of_both_ways(each) for each in levels]
+    rms = float(np.sqrt(np.mean([one.residual_rms**2 for one in found])))
+    notes = tuple(
+        replace(note, place=f"{note.place}, load {load}")
+        for one, load in zip(found, loads, strict=True)
+        for note in one.notes
+    )
+    return replace(found[0], levels=_joined(levels), residual_rms=rms, notes=notes)
+
+
+def _of_both_ways(levels: Levels) -> Levels:
+    """The mean of both directions at each condition, the forward ones listed first."""
+    if not levels.direction.any():
+        return levels
+    forward, backward = levels.select(levels.direction > 0), levels.select(levels.direction < 0)
+    torque, std = (forward.torque + backward.torque) / 2, np.hypot(forward.std, backward.std) / 2
+    return replace(forward, direction=np.zeros(forward.n_levels), torque=torque, std=std)
+
+
+def _joined(levels: Sequence[Levels]) -> Levels:
+    """All levels one after the other."""
+    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
+    return replace(levels[0], **columns)

@@ -1,0 +1,276 @@
+r"""Inertia and friction of one axis from any motion of it: torque regressed on acceleration, velocity and direction.
+
+.. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, \mathrm{sgn}\, \dot q + G \cos q + H \sin q + o
+
+The residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
+
+Both sides of the equation pass the same low-pass filter, forward and backward, and are thinned to twice its band, so
+that filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE
+ICRA 1997).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.base.statistics import f_test
+from elastid.friction_study.laws import MIN_SPEEDS, Held
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
+from elastid.friction_study.plateaus import Plateau, distinct_speeds, find_plateaus
+from elastid.robot.friction_numbers import TERMS
+
+# The filter of both sides, and that of the position before it is differentiated, as a multiple of it.
+PASSBAND_HZ, DERIVATIVE_BAND = 20.0, 3.0
+FILTER_ORDER = 4
+# Ends of a record that the filters spoil, in periods of the passband.
+SPOILT_PERIODS = 6.0
+# Ripple and cogging are correlated for about the time of one turn.
+CORRELATED_S = 1.0
+# An axis moves one way where it is faster than this share of its highest speed for this share of the time.
+MOVING_SHARE = 0.02
+
+
+@frozen_value
+class Motion:
+    """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
+
+    turns_against_gravity: whether the torque of gravity changes with the angle.
+    """
+
+    place: str
+    rate_hz: float
+    position: FloatArray
+    torque: FloatArray
+    slides: bool = False
+    turns_against_gravity: bool = False
+
+    def __post_init__(self) -> None:
+        """Check shapes."""
+        if self.position.shape != self.torque.shape or self.position.ndim != 1:
+            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
+
+
+@dataclass(frozen=True)
+class MotionSignals:
+    """A motion at full rate (n,) behind the filter of derivatives, torque as logged.
+
+    sos: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
+    """
+
+    rate_hz: float
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    sos: FloatArray
+    kept: slice
+    passband_hz: float
+
+    @classmethod
+    def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
+        """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
+        rate = motion.rate_hz
+        if not passband_hz < rate / 4:
+            raise DataError(
+                f"motion of {motion.place}: a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
+                f"Hz, and it has {rate:g} Hz; lower the passband"
+            )
+        spoilt = round(SPOILT_PERIODS / passband_hz * rate)
+        if len(motion.position) < 4 * spoilt:
+            raise DataError(
+                f"motion of {motion.place}: {len(motion.position) / rate:.3g} s are too short for a passband of "
+                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it"
+            )
+        smooth = butter(FILTER_ORDER, min(DERIVATIVE_BAND * passband_hz, 0.45 * rate), fs=rate, output="sos")
+        position = np.asarray(sosfiltfilt(smooth, motion.position))
+        velocity = np.gradient(position, 1 / rate)
+        sos = butter(FILTER_ORDER, passband_hz, fs=rate, output="sos")
+        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
+        return cls(rate, position, velocity, np.gradient(velocity, 1 / rate), motion.torque, sos, kept, passband_hz)
+
+    def filtered(self, column: FloatArray) -> FloatArray:
+        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
+        return np.asarray(sosfiltfilt(self.sos, column, axis=0)[self.kept])
+
+    @property
+    def correlation_lags(self) -> int:
+        """Kept samples over which residuals may be correlated."""
+        return max(1, round(CORRELATED_S * self.rate_hz / int(self.kept.step)))
+
+    @property
+    def plateaus(self) -> tuple[Plateau, ...]:
+        """Where it slides steadily."""
+        return find_plateaus(self.velocity, self.acceleration, self.rate_hz)
+
+    def moves(self, direction: int) -> bool:
+        """True if it moves that way (1, -1), more than noise does."""
+        inside = self.velocity[self.kept.start : self.kept.stop]
+        return bool(np.mean(direction * inside > MOVING_SHARE * np.abs(inside).max()) > MOVING_SHARE)
+
+
+# Numbers of what is no friction.
+RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
+
+
+@dataclass(frozen=True)
+class MotionFriction:
+    """The friction of an axis from a motion: with both directions alike, with each its own, and which of them it is.
+
+    motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
+    slides steadily.  held: what the motion cannot tell.  passband_hz: of the regression.  notes: on what it rests.
+    """
+
+    motion: Motion
+    alike: Regression
+    apart: Regression
+    are_apart: bool
+    chance: float
+    plateaus: tuple[Plateau, ...]
+    held: tuple[Held, ...]
+    passband_hz: float = PASSBAND_HZ
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def chosen(self) -> Regression:
+        """The regression that the data tell."""
+        return self.apart if self.are_apart else self.alike
+
+    def unit(self, name: str) -> str:
+        """Of a number."""
+        if name == "inertia":
+            return "kg" if self.motion.slides else "kg*m^2"
+        return TERMS["coulomb" if name in RIGID else name].unit_at(self.motion.slides)
+
+
+def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
+    """Inertia and friction of one axis from its logs, one or several, in the band up to passband_hz.
+
+    Raises DataError for a log that is too short, stands still, moves in one direction only, or in which friction
+    drives.
+    """
+    signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
+    for motion, each in zip(motions, signals, strict=True):
+        _check_both_ways(motion, each)
+    alike, apart = (_regressed(motions, signals, apart) for apart in (False, True))
+    refuse_driving(motions[0].place, alike)
+    # Residuals are correlated: the test counts what is independent.
+    n_kept = sum(len(range(len(each.torque))[each.kept]) for each in signals)
+    n = n_kept * (1 - alike.correlation) / (1 + alike.correlation)
+    extra = len(apart.names) - len(alike.names)
+    dof = max(1.0, n - len(apart.names))
+    chance = f_test(alike.sum_of_squares - apart.sum_of_squares, extra, apart.sum_of_squares, dof)
+    plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
+    held = parts_held(plateaus, motions[0].slides)
+    return MotionFriction(motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz)
+
+
+def rigid_torque(found: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
+    """The torque (n,) at full rate of all that is no friction in the first log: rigid body, gravity and offset.
+
+    torque (n,): of the log, with the rigid body, of which a joint that moved with others has no numbers of its own.
+    """
+    if "inertia" not in found.chosen.names:
+        return np.asarray(torque - found.motion.torque)
+    columns = _raw_columns(found.motion, signals, found.are_apart)
+    rigid = [name for name in columns if name in RIGID]
+    return np.asarray(sum(found.chosen[name] * columns[name] for name in rigid))
+
+
+@frozen_value
+class MotionSamples:
+    """A motion and its regression, behind the filter of both sides, thinned and without the ends, (n,) each.
+
+    torque: measured.  regressed: by all numbers.  friction: the torque less what is neither Coulomb nor viscous.
+    """
+
+    time_s: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    regressed: FloatArray
+    friction: FloatArray
+
+
+def motion_parts(found: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
+    """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep."""
+    numbers, columns = found.chosen, _columns(found.motion, signals, found.are_apart)
+    return {name: numbers[name] * columns[name] for name in numbers.names}
+
+
+def motion_samples(found: MotionFriction) -> MotionSamples:
+    """The samples behind a regression, of its first log."""
+    signals = MotionSignals.of(found.motion, found.passband_hz)
+    parts = motion_parts(found, signals)
+    regressed = np.sum(list(parts.values()), axis=0)
+    rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
+    torque = signals.filtered(signals.torque)
+    friction = torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
+    time_s = np.arange(len(found.motion.position))[signals.kept] / found.motion.rate_hz
+    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
+
+
+def refuse_driving(place: str, friction: Regression) -> None:
+    """DataError where friction supplies power at every speed."""
+    if friction["coulomb"] < 0 and friction["viscous"] <= 0:
+        raise DataError(
+            f"motion of {place}: friction drives (Coulomb {friction['coulomb']:.4g}): torque and velocity have "
+            "opposite signs; turn one channel (sign: -1)"
+        )
+
+
+def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
+    """Parts of the law that a motion with these plateaus cannot tell."""
+    speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
+    held = (
+        Held("temperature", "a regression of motions has none; measure passes cold and warm, and log the temperature"),
+        Held("load", "a regression of motions has none; measure passes in other postures, or with payloads"),
+    )
+    if len(speeds) >= MIN_SPEEDS:
+        return held
+    dwelt = ", ".join(f"{speed:.3g}" for speed in speeds)
+    text = (
+        f"the motion dwells at {f'{len(speeds)} speeds ({dwelt} {unit})' if len(speeds) else 'no speed'}; it takes "
+        f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
+    )
+    return (Held("stribeck", text), *held)
+
+
+def _check_both_ways(motion: Motion, signals: MotionSignals) -> None:
+    for direction, word in ((1, "forwards"), (-1, "backwards")):
+        if not signals.moves(direction):
+            raise DataError(
+                f"motion of {motion.place}: it hardly moves {word}, so that friction cannot be told from an offset or "
+                "gravity; record a motion there and back"
+            )
+
+
+def _regressed(motions: Sequence[Motion], signals: Sequence[MotionSignals], apart: bool) -> Regression:
+    columns = [_columns(motion, each, apart) for motion, each in zip(motions, signals, strict=True)]
+    logs = [
+        Equations(np.stack(list(own.values()), axis=1)[:, None, :], np.zeros((len(y), 1, 0)), y[:, None])
+        for own, y in zip(columns, (each.filtered(each.torque) for each in signals), strict=True)
+    ]
+    names = tuple(columns[0])
+    return solve(logs, signals[0].correlation_lags).of_joint(0, range(len(names)), names)
+
+
+def _columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
+    return {name: signals.filtered(column) for name, column in _raw_columns(motion, signals, apart).items()}
+
+
+def _raw_columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
+    v, s = signals.velocity, np.sign(signals.velocity)
+    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
+    if apart:
+        columns |= {"directions.viscous": np.abs(v), "directions.coulomb": np.abs(s)}
+    else:
+        columns |= {"offset": np.ones_like(v)}
+    if motion.turns_against_gravity:
+        columns |= {"gravity.cos": np.cos(signals.position), "gravity.sin": np.sin(signals.position)}
+    return columns

@@ -1,0 +1,280 @@
+r"""Faults of passes that would be taken for friction: clipped torques, loads that are no loads, offsets that move.
+
+Friction that changes with the angle of its joint is found by the difference of passes there and back at the same angle.
+
+.. math:: h(q) = \frac{u_{there}(q) - u_{back}(q)}{2} - J \frac{a_{there} - a_{back}}{2}
+
+is friction alone: gravity, ripple and offsets of the torque are alike in both directions. Of each pair h over its mean
+is fitted by Legendre polynomials of the angle; shapes that all pairs have in common are no noise.
+
+Loops before sliding are compared with the counts of the encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.polynomial.legendre import legval, legvander
+from scipy.special import stdtrit
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.base.statistics import f_test
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.least_squares import FALSE_ALARM
+from elastid.friction_study.passes import Pass
+
+# Equal samples in a row at the largest torque of all passes, and their share of a pass, from which on it is clipped; a
+# noise-free torque is constant throughout.
+CLIPPED_RUN, CLIPPED_SHARE, CONSTANT_SHARE = 3, 0.02, 0.98
+# Values that a pass takes in a log with fine steps.
+MIN_VALUES = 50
+# A load that equals the torque this closely, in pairs whose torques differ by as much, is that torque.
+SAME_TORQUE, DIFFERENT_TORQUES = 0.01, 0.05
+# Chance of a step of the offset where there is none, over all places at which one may be; and its least size, as a
+# share of the smallest level.
+STEP_CHANCE, STEP_SHARE = 1e-3, 0.1
+SAME_LOAD = 0.05
+# Gravity over friction from which on a small error of gravity is a large one of friction.
+LARGE_GRAVITY = 50.0
+
+
+def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
+    """The passes that slide all the time below the drive's limit, and notes on the others, whose pair goes with them.
+
+    DataError where none is left.
+    """
+    faults = {each.pair: _sticking(each) for each in passes if each.turns_back} | _clipped(passes)
+    notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
+    used = [each for each in passes if each.pair not in faults]
+    if not used:
+        place = passes[0].place if passes else "the joint"
+        said = f"; {notes[0]}" if notes else ""
+        raise DataError(
+            f"passes of {place}: none slides all the time; measure faster, or raise the bandwidth of the "
+            f"controller{said}"
+        )
+    return used, notes
+
+
+def _sticking(each: Pass) -> tuple[str, str]:
+    return "stick-slip", (
+        f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
+        f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
+        "bandwidth of the controller, or measure faster"
+    )
+
+
+def _clipped(passes: Sequence[Pass]) -> dict[str, tuple[str, str]]:
+    """Pairs in which a torque stands at the largest of all passes."""
+    limit = max((float(np.abs(each.torque).max()) for each in passes), default=0.0)
+    found: dict[str, tuple[str, str]] = {}
+    for each in passes:
+        at_limit = np.abs(each.torque) == limit
+        run, share = np.convolve(at_limit, np.ones(CLIPPED_RUN), "valid").max(initial=0.0), float(np.mean(at_limit))
+        # The steps of a coarse converter are no limit.
+        if run >= CLIPPED_RUN and CLIPPED_SHARE <= share < CONSTANT_SHARE and len(np.unique(each.torque)) > MIN_VALUES:
+            found[each.pair] = (
+                "clipped-pass",
+                (
+                    f"{share:.0%} of its torques stand at the limit of {limit:.4g}: clipped there, so that its level "
+                    "is too low and does not count; measure slower, or raise the limit of the drive"
+                ),
+            )
+    return found
+
+
+def check_loads(passes: Sequence[Pass]) -> None:
+    """DataError where the load of passes is the very torque that they are to explain."""
+    torque = np.array([abs(float(each.torque.mean())) for each in passes])
+    load = np.array([each.load for each in passes])
+    if len(passes) < 3 or not load.any() or np.ptp(torque) < DIFFERENT_TORQUES * torque.max():
+        return
+    if np.all(np.abs(load - torque) <= SAME_TORQUE * torque.max()):
+        raise DataError(
+            f"passes of {passes[0].place}: the load of each equals its own torque ({load.min():.4g} to "
+            f"{load.max():.4g}): friction would explain itself; the load is the torque of gravity that the model holds "
+            "in that posture"
+        )
+
+
+def offset_steps(
+    offset: FloatArray,
+    speed: FloatArray,
+    load: FloatArray,
+    names: Sequence[str],
+    level: FloatArray,
+    place: str,
+    slides: bool,
+) -> tuple[Note, ...]:
+    """A note for each load on offsets of pairs (n,), in the order in which they were measured, that jump between two.
+
+    What grows with speed is no offset but friction of unlike directions.
+    """
+    unit = "N" if slides else "N*m"
+    found = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in _groups(load)]
+    return tuple(Note("moved-offset", text, f"passes of {place}") for text in found if text)
+
+
+def _groups(load: FloatArray) -> list[list[int]]:
+    """Pairs of one load, to a twentieth of the largest."""
+    rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / SAME_LOAD)
+    return [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
+
+
+def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
+    """The sentence on a jump; empty without one."""
+    n = len(offset)
+    smooth = np.stack([np.ones(n), speed], axis=1)
+    dof = n - 3
+    if dof < 2:
+        return ""
+    without = _left(smooth, offset)
+    costs = [_left(np.column_stack([smooth, np.arange(n) >= k]), offset) for k in range(1, n)]
+    k = 1 + int(np.argmin(costs))
+    size = float(np.linalg.lstsq(np.column_stack([smooth, np.arange(n) >= k]), offset, rcond=None)[0][2])
+    is_chance = f_test(without - costs[k - 1], 1, costs[k - 1], dof) * (n - 1) > STEP_CHANCE
+    if is_chance or abs(size) < STEP_SHARE * float(np.abs(level).min()):
+        return ""
+    return (
+        f"their offset jumps by {size:.4g} {unit} between pass {names[k - 1]} and pass {names[k]}: controller, sensor "
+        "or posture were moved in between, and the levels of both sides are compared as if nothing had; measure them "
+        "again in one go, or in studies of their own"
+    )
+
+
+def _left(A: FloatArray, y: FloatArray) -> float:
+    """Sum of squares that the columns leave."""
+    left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+    return float(left @ left)
+
+
+def gravity_note(
+    shared: Mapping[str, tuple[float, float]], levels: FloatArray, place: str, slides: bool
+) -> tuple[Note, ...]:
+    """A note on gravity that is much larger than friction."""
+    if "gravity.cos" not in shared or not len(levels):
+        return ()
+    gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
+    if gravity < LARGE_GRAVITY * friction:
+        return ()
+    unit = "N" if slides else "N*m"
+    text = (
+        f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
+        f"of {1 / LARGE_GRAVITY:.0%} in it is as large as friction, and the std of the levels is mostly its; measure "
+        "about the vertical, in a posture with less gravity, or with a counterweight"
+    )
+    return (Note("large-gravity", text, f"passes of {place}"),)
+
+
+# Degrees of the polynomials, bins of the angle, and pairs that can tell anything.
+DEGREES, BINS, MIN_PAIRS = 3, 24, 4
+# Pairs that cover less of the widest one's angles are left out.
+MIN_COVER = 0.6
+# The smallest change, in parts of friction, that is worth a note.
+MIN_CHANGE = 0.03
+
+
+def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
+    """A note where friction changes with the angle by more than pairs scatter; inertia: J of the passes."""
+    pairs = [pair for pair in _there_and_back(passes) if pair is not None]
+    widest = max((_cover(pair) for pair in pairs), default=0.0)
+    wide = [pair for pair in pairs if _cover(pair) > MIN_COVER * widest]
+    if len(wide) < MIN_PAIRS:
+        return None
+    low, high = max(_range(pair)[0] for pair in wide), min(_range(pair)[1] for pair in wide)
+    shapes = np.array([_shape(pair, inertia, low, high) for pair in wide])
+    mean = shapes.mean(axis=0)
+    std = shapes.std(axis=0, ddof=1) / np.sqrt(len(shapes))
+    limit = stdtrit(len(shapes) - 1, 1 - FALSE_ALARM / 2 / DEGREES)
+    clear = np.where(np.abs(mean) > limit * std, mean, 0.0)
+    change = float(np.ptp(legval(np.linspace(-1, 1, 101), np.append(0.0, clear))))
+    if change < MIN_CHANGE:
+        return None
+    unit = "m" if passes[0].slides else "rad"
+    text = (
+        f"friction changes by {change:.0%} of itself with the position, between {low:.3g} and {high:.3g} {unit}, and "
+        "its law has no such change: levels are means over the positions of each pass, and slow passes that cover "
+        "fewer of them stand beside the curve; give all passes one window, or hold the law to hold there only"
+    )
+    return Note("friction-by-angle", text, passes[0].place)
+
+
+def _there_and_back(passes: Sequence[Pass]) -> list[tuple[Pass, Pass] | None]:
+    """The first pass of each direction of every pair; None without one."""
+    pairs: dict[str, dict[float, Pass]] = {}
+    for one in passes:
+        pairs.setdefault(one.pair, {}).setdefault(one.direction, one)
+    return [(two[1.0], two[-1.0]) if len(two) == 2 else None for two in pairs.values()]
+
+
+def _range(pair: tuple[Pass, Pass]) -> tuple[float, float]:
+    """Lowest and highest position that both directions have."""
+    return max(float(one.position.min()) for one in pair), min(float(one.position.max()) for one in pair)
+
+
+def _cover(pair: tuple[Pass, Pass]) -> float:
+    low, high = _range(pair)
+    return high - low
+
+
+def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> FloatArray:
+    """Coefficients (DEGREES,) of h over its mean, between two positions."""
+    edges = np.linspace(low, high, BINS + 1)
+    means = []
+    for one in pair:
+        bins = np.clip(np.digitize(one.position, edges) - 1, 0, BINS - 1)
+        used = (one.position >= low) & (one.position <= high)
+        count = np.bincount(bins[used], minlength=BINS)
+        total = np.bincount(bins[used], (one.torque - inertia * one.acceleration)[used], BINS)
+        means.append(np.divide(total, count, out=np.full(BINS, np.nan), where=count > 0))
+    h = (means[0] - means[1]) / 2
+    known = np.isfinite(h)
+    x = np.linspace(-1, 1, 2 * BINS + 1)[1::2]
+    if known.sum() <= DEGREES + 1:
+        return np.zeros(DEGREES)
+    found, *_ = np.linalg.lstsq(legvander(x[known], DEGREES), h[known], rcond=None)
+    return np.asarray(found[1:] / found[0])
+
+
+# Counts of a loop's amplitude below which it is steps of the encoder.
+MIN_COUNTS = 3.0
+# Share of the loops that may be as small.
+MAX_SMALL_SHARE = 0.5
+
+
+def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
+    """A note on loops of fewer than three counts; DataError where most are."""
+    if record.resolution <= 0:
+        return ()
+    amplitudes = _amplitudes(record)
+    counts = amplitudes / record.resolution
+    small = int(np.sum(counts < MIN_COUNTS))
+    if not small:
+        return ()
+    where = f"loops {record.name} of joint {record.joint}"
+    said = (
+        f"{small} of {len(counts)} half loops move by less than {MIN_COUNTS:g} counts of the encoder "
+        f"({record.resolution:.3g} {record.unit} each; the smallest has {counts.min():.2g})"
+    )
+    if small > MAX_SMALL_SHARE * len(counts):
+        raise DataError(
+            f"{where}: {said}: stiffness before sliding cannot be seen in steps; raise the torque of the loops, or "
+            "measure with a finer encoder"
+        )
+    return (Note("small-loops", f"{said}: they tell little of the stiffest elements", where, "information"),)
+
+
+def _amplitudes(record: FrictionRecord) -> FloatArray:
+    """Travel of each half loop: by its period where it has one, else from one change of the torque's sign to the next.
+
+    Noise changes the sign of a small torque too, which a period is free of.
+    """
+    if record.period_samples is not None:
+        ends = np.arange(0, len(record.position), record.period_samples / 2)[1:].astype(int)
+    else:
+        ends = np.flatnonzero(np.diff(np.sign(record.torque - record.torque.mean())) != 0) + 1
+    halves = [part for part in np.split(record.position, ends) if len(part) > 1]
+    return np.array([np.ptp(part) for part in halves])

@@ -1,0 +1,254 @@
+r"""One regression over all passes of a joint: what all share, and the level of each pair.
+
+.. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
+              + \sum_h (a_h \cos h N q + b_h \sin h N q)
+
+for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
+inertia are the same in all pairs, gravity in all of one load; the level g_k and what is alike in both directions, o_k,
+are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the torque
+where it does not change with speed; what changes is friction that differs between the directions. Levels stand at the
+speed that was measured, not at the one that was commanded.
+
+A level's variance comes from how pairs of the same speed scatter, and within a pair from the autocovariance of the
+residuals of all passes. Ripple that the regression has not would be taken for such noise, so harmonics that stand out
+of the residuals are taken into it. Rows are means of a few samples: noise that is white loses nothing by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.friction_record import FrictionRecord
+
+# Harmonics of one motor turn: always in the regression where passes cover a turn, and looked for in its residuals.
+RIPPLE_HARMONICS, MAX_HARMONIC = 2, 24
+# Power over the median of all harmonics, in parts of its mean, above which one is no noise (chance 6e-6 each).
+CLEAR_RIPPLE = 12.0
+# Rows over which residuals may be correlated.
+MAX_LAG = 200
+# Of the mean speed, below which a change of it is rounding.
+ROUNDING = 1e-9
+# Rows of all passes together, and of the shortest at least.
+MAX_ROWS, MIN_ROWS = 15_000, 40
+
+
+@frozen_value
+class Pass:
+    """A part of a log in which one joint slides steadily, on one side, SI.
+
+    pair: passes of one pair belong together, there and back.  position, velocity, acceleration, torque (n,).  load:
+    |torque| that the joint carries.  temperature: mean, degC, NaN where it is not known.  load_name: passes of one have
+    the same gravity.
+    """
+
+    place: str
+    pair: str
+    rate_hz: float
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    load: float = 0.0
+    temperature: float = float("nan")
+    slides: bool = False
+    load_name: str = ""
+
+    @property
+    def direction(self) -> float:
+        """1 or -1."""
+        return float(np.sign(self.velocity.mean()))
+
+    @property
+    def turns_back(self) -> bool:
+        """True if the velocity changes its sign: the joint sticks and slips, or stands."""
+        return bool(np.any(self.velocity * self.direction <= 0))
+
+
+@dataclass(frozen=True)
+class PassRegression:
+    """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
+
+    waves (n, MAX_HARMONIC): exp(j h N q) of all harmonics that ripple may have; (n, 0) where no pass covers a turn.
+    """
+
+    A: FloatArray
+    y: FloatArray
+    of_pass: IntArray
+    waves: ComplexArray
+    shared: tuple[str, ...]
+
+    @classmethod
+    def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
+        """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
+        lengths = [len(each.position) for each in passes]
+        step = max(1, min(sum(lengths) // MAX_ROWS, min(lengths) // MIN_ROWS))
+        has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
+        order = list(pairs)
+        loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
+        harmonics = MAX_HARMONIC if has_ripple else 0
+        rows, torques, waves, numbers = [], [], [], []
+        for number, each in enumerate(passes):
+            own = np.zeros((len(each.position), 2 * len(order)))
+            own[:, order.index(each.pair)] = each.direction
+            own[:, len(order) + order.index(each.pair)] = 1.0
+            columns = [each.acceleration, each.direction * _about_mean(np.abs(each.velocity))]
+            for load in loads:
+                carried = float(load == each.load_name)
+                columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
+            rows.append(_means(np.hstack([own, np.stack(columns, axis=1)]), step))
+            torques.append(_means(each.torque, step))
+            wave = np.exp(2j * np.pi / turn * each.position) if has_ripple else each.position
+            waves.append(_means(np.cumprod(np.tile(wave[:, None], harmonics), axis=1), step))
+            numbers.append(np.full(len(torques[-1]), number))
+        names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
+        found = cls(np.vstack(rows), np.concatenate(torques), np.concatenate(numbers), np.vstack(waves), tuple(names))
+        return found._with_ripple() if has_ripple else found
+
+    def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
+        size = np.linalg.norm(self.A, axis=0)
+        size[size == 0] = 1.0
+        B = self.A / size
+        Q, R = np.linalg.qr(B)
+        U, s, Vt = np.linalg.svd(R, full_matrices=False)
+        good = s > 1e-10 * s[0]
+        values = (Vt[good].T / s[good]) @ (U[:, good].T @ (Q.T @ self.y))
+        left = self.y - B @ values
+        bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
+        autocovariance = self._autocovariance(left)
+        covariance = bread @ self._meat(B, autocovariance) @ bread
+        if np.any(np.diag(covariance) < 0):
+            # Cut off where it is still large, an autocovariance is none; tapered to zero it is.
+            tapered = autocovariance * (1 - np.arange(len(autocovariance)) / len(autocovariance))
+            covariance = bread @ self._meat(B, tapered) @ bread
+        # Every number takes its share of the long-run variance from each autocovariance of the residuals.
+        spare = 1 + (2 * len(autocovariance) - 1) * B.shape[1] / len(self.y)
+        return values / size, spare * covariance / np.outer(size, size), left
+
+    def _meat(self, B: FloatArray, autocovariance: FloatArray) -> FloatArray:
+        """B^T Gamma B of all passes: each has columns of its own pair and the shared ones alone."""
+        meat = np.zeros((B.shape[1], B.shape[1]))
+        for own in self._passes:
+            used = np.flatnonzero(np.any(B[own], axis=0))
+            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance)
+        return meat
+
+    def _with_ripple(self) -> PassRegression:
+        """With the first harmonics, and the further ones that stand out of the residuals."""
+        first = self._with_harmonics(np.arange(1, RIPPLE_HARMONICS + 1))
+        harmonics = np.arange(RIPPLE_HARMONICS + 1, MAX_HARMONIC + 1)
+        Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
+        left = first.y - Q @ (Q.T @ first.y)
+        waves = self.waves[:, harmonics - 1]
+        power = np.abs(left @ waves) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=0), 1e-300)
+        # Of noise the power is exponential, its median ln 2 of its mean.
+        return first._with_harmonics(harmonics[power > CLEAR_RIPPLE / np.log(2) * np.median(power)])
+
+    def _with_harmonics(self, harmonics: IntArray) -> PassRegression:
+        columns = [column for h in harmonics for column in (self.waves[:, h - 1].real, self.waves[:, h - 1].imag)]
+        names = [name for h in harmonics.tolist() for name in ripple_names(h)]
+        return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
+
+    @property
+    def _passes(self) -> list[slice]:
+        """Rows of each pass."""
+        ends = (np.flatnonzero(np.diff(self.of_pass)) + 1).tolist()
+        return [slice(a, b) for a, b in zip([0, *ends], [*ends, len(self.of_pass)], strict=True)]
+
+    def _autocovariance(self, left: FloatArray) -> FloatArray:
+        """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
+        found = [float(left @ left / len(left))]
+        for lag in range(1, MAX_LAG + 1):
+            long = [own for own in self._passes if own.stop - own.start > lag]
+            count = sum(own.stop - own.start - lag for own in long)
+            total = sum(float(left[own][lag:] @ left[own][:-lag]) for own in long)
+            if not count or total / count < 2 * found[0] / np.sqrt(count):
+                break
+            found.append(total / count)
+        return np.array(found)
+
+
+def gravity_names(load: str) -> tuple[str, str]:
+    """Names of the numbers of gravity under a load."""
+    return (f"gravity.cos.{load}", f"gravity.sin.{load}") if load else ("gravity.cos", "gravity.sin")
+
+
+def ripple_names(harmonic: int) -> tuple[str, str]:
+    """Names of the cosine and sine of a harmonic of the motor's turns."""
+    return f"ripple.{harmonic}c", f"ripple.{harmonic}s"
+
+
+def _means(x: FloatArray, step: int) -> FloatArray:
+    """Means of every `step` rows of x (n,) or (n, m); what is left at the end is dropped."""
+    n = len(x) // step
+    return np.asarray(x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1))
+
+
+def _about_mean(speed: FloatArray) -> FloatArray:
+    """|q'| - v_k of a pass; a commanded speed that never changes leaves rounding, which is no slope."""
+    about = speed - speed.mean()
+    about[np.abs(about) < ROUNDING * speed.mean()] = 0.0
+    return np.asarray(about)
+
+
+def _long_run(B: FloatArray, autocovariance: FloatArray) -> FloatArray:
+    """B^T Gamma B (n_x, n_x) of one pass, Gamma the Toeplitz matrix of the autocovariance."""
+    total = autocovariance[0] * B.T @ B
+    for lag in range(1, min(len(autocovariance), len(B))):
+        product = B[lag:].T @ B[:-lag]
+        total = total + autocovariance[lag] * (product + product.T)
+    return np.asarray(total)
+
+
+# Position is smoothed above, before it is differentiated: speeds and ripple of a pass are slower.
+SMOOTHED_HZ = 60.0
+
+
+def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
+    """There and back of one record of passes, as one pair; whichever of both it has."""
+    velocity, acceleration = motion_of(record)
+    # Gravity is that of the angle at which the torque acts; half a sample's travel turns it with the direction.
+    position = record.position + record.torque_delay_s * velocity
+    return tuple(
+        Pass(
+            f"joint {record.joint}",
+            record.name,
+            record.rate_hz,
+            position[part],
+            velocity[part],
+            acceleration[part],
+            record.torque[part],
+            record.load_torque,
+            _mean_temperature(record, part),
+            record.slides,
+            record.load,
+        )
+        for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
+    )
+
+
+def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
+    """Velocity, as measured where it was, and acceleration (n,)."""
+    smooth = butter(2, min(SMOOTHED_HZ, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
+    if record.velocity is not None:
+        velocity = record.velocity
+    else:
+        velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
+    return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
+
+
+def _inner(start: int, stop: int, rate_hz: float) -> slice:
+    """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
+    margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
+    return slice(start + margin, stop - margin)
+
+
+def _mean_temperature(record: FrictionRecord, part: slice) -> float:
+    known = np.zeros(0) if record.temperature is None else record.temperature[part]
+    known = known[np.isfinite(known)]
+    return float(known.mean()) if len(known) else float("nan")

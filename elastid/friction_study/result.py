@@ -1,0 +1,286 @@
+"""FrictionResult: all that a friction study has found, joint by joint.
+
+The table of a joint: every number that was identified, with its name, interval and the data that tell it.
+
+The friction of a simulated robot, at the conditions at which the identified numbers stand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import index_of
+from elastid.base.note import Note
+from elastid.base.numbers import digits, interval_of, number
+from elastid.base.statistics import QUANTILE_95
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.at_rest import AtRest
+from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
+from elastid.friction_study.levels import PassLevels
+from elastid.friction_study.lugre_shooting import LuGreFit
+from elastid.friction_study.motion import MotionFriction
+from elastid.friction_study.presliding import Loops, Presliding
+from elastid.friction_study.warm_up import ThermalModel, WarmUp
+from elastid.robot import Friction, Robot
+from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
+
+# partly: stiction of some joint cannot be told, or nothing of it.  failed: no friction of any joint.
+Status: TypeAlias = Literal["identified", "partly", "failed"]
+
+
+@dataclass(frozen=True)
+class FrictionNumber:
+    """A row of the table: one identified number of a joint, link side, with its 95 % interval, SI.
+
+    name: Fc_m1, unique in a study.  symbol: F_c.  meaning: Coulomb friction.  learnt_from: the data that tell it.
+    truth: of a simulated robot.
+    """
+
+    name: str
+    symbol: str
+    meaning: str
+    unit: str
+    value: float
+    std: float
+    low: float
+    high: float
+    learnt_from: str
+    truth: float | None = None
+
+
+@dataclass(frozen=True)
+class JointLevels:
+    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
+
+    example: a pass with the torque that the regression gives it, for the figure over the angle.
+    """
+
+    joint: str
+    slides: bool
+    levels: PassLevels | None = None
+    motion: MotionFriction | None = None
+    example: FrictionRecord | None = None
+    notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction of one joint, link side; None where it was not measured or cannot be told.
+
+    loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
+    friction, viscous: the law as a whole, with the ranges in which it was measured.
+    numbers: the table.  held: parts without numbers, with reasons.
+    """
+
+    joint: str
+    slides: bool
+    levels: PassLevels | None = None
+    motion: MotionFriction | None = None
+    static: StaticLaw | None = None
+    presliding: Presliding | None = None
+    loops: Loops | None = None
+    at_rest: AtRest | None = None
+    bristles: LuGreFit | None = None
+    thermal: ThermalModel | None = None
+    warm_up: WarmUp | None = None
+    friction: Friction | None = None
+    viscous: float | None = None
+    numbers: tuple[FrictionNumber, ...] = ()
+    held: tuple[Held, ...] = ()
+    example: FrictionRecord | None = None
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def missing(self) -> tuple[Held, ...]:
+        """Parts of a law of friction that these data cannot tell: stiction, or friction at all."""
+        if self.friction is None:
+            return (Held("friction", "the data tell no law that a contact can have"),)
+        return tuple(
+            held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
+        )
+
+
+@dataclass(frozen=True)
+class FrictionResult:
+    """All joints.  message: how the identification ended, in one sentence."""
+
+    joints: tuple[JointFriction, ...]
+    notes: tuple[Note, ...]
+    status: Status
+    message: str
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """How it ended, and the table of numbers."""
+        rows = []
+        for each in self.numbers:
+            kept = digits(each.value, each.std)
+            value, ends = number(each.value, kept), " to ".join(interval_of((each.low, each.high), kept))
+            rows.append((each.name, each.meaning, f"{value} {each.unit}", ends))
+        return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
+
+    def at(self, joint: str) -> JointFriction:
+        """The friction of a joint; UnknownNameError names those there are."""
+        return self.joints[index_of(joint, [each.joint for each in self.joints], "friction of joint")]
+
+    @property
+    def numbers(self) -> tuple[FrictionNumber, ...]:
+        """The table of all joints."""
+        return tuple(number for joint in self.joints for number in joint.numbers)
+
+
+Truth = Mapping[str, float]
+# Numbers of a regression that are no friction.
+RIGID_TERMS = {
+    "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
+    "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
+    "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
+    "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
+}
+
+
+def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
+    """Numbers of the static law, and of each direction where they differ."""
+    rows = {number.name: number for number in law.numbers}
+    reach = (law.numbers[0].high - law.numbers[0].value) / law.numbers[0].std
+    for name, row in rows.items():
+        yield _number(joint, TERMS[name], row.unit, (row.value, row.std, row.low, row.high), row.learnt_from, truth)
+    values = np.array(list(law.values.values()))
+    yield from _directed(
+        joint, law.names, values, law.covariance, law.levels.slides, reach, rows["coulomb"].learnt_from
+    )
+
+
+def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
+    """Numbers of the regression of a motion."""
+    fit, terms = motion.chosen, TERMS | RIGID_TERMS
+    learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
+    for name, value in zip(fit.names, fit.values.tolist(), strict=True):
+        std = fit.std(name)
+        yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
+    yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
+
+
+def numbers_at_rest(joint: str, found: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
+    """Stiffness and damping of the bristles."""
+    learnt, std = f"responses at rest, {len(found.points)} amplitudes", np.sqrt(np.diag(found.covariance)).tolist()
+    for key, value, error in zip(("stiffness", "damping"), (found.sigma_0, found.sigma_1), std, strict=True):
+        term = TERMS[f"lugre.{key}"]
+        row = (value, error, *_ends(value, error))
+        yield _number(joint, term, term.unit_at(slides), row, learnt, truth)
+
+
+def numbers_of_bristles(joint: str, found: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
+    """The same by multiple shooting."""
+    for key, name in (("stiffness", "sigma_0"), ("damping", "sigma_1")):
+        value, ends, term = found.values[name], found.interval(name), TERMS[f"lugre.{key}"]
+        row = (value, value * math.log(ends[1] / value) / QUANTILE_95, *ends)
+        yield _number(joint, term, term.unit_at(slides), row, "loops, by multiple shooting", truth)
+
+
+def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
+    """Time constants, and heat given off where kelvins are known."""
+    n, read = len(model.time_constants), int(np.isfinite(warm_up.readings).sum())
+    minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
+    learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
+    rows = [
+        (
+            f"Tc{i + 1 if n > 1 else ''}_m{joint}",
+            "C / h",
+            "time constant of warming",
+            "s",
+            T,
+            float(model.log_std[1 + i]),
+        )
+        for i, T in enumerate(model.time_constants.tolist())
+    ]
+    if model.scale == "kelvin":
+        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, float(model.log_std[0])))
+    for name, symbol, meaning, unit, value, log_std in rows:
+        std = value * log_std
+        reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
+        yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
+
+
+def _ends(value: float, std: float) -> tuple[float, float]:
+    """Of a 95 % interval of a normal distribution."""
+    return value - QUANTILE_95 * std, value + QUANTILE_95 * std
+
+
+def _number(
+    joint: str, term: FrictionTerm, unit: str, row: tuple[float, float, float, float], learnt: str, truth: Truth
+) -> FrictionNumber:
+    """A row (value, std, low, high) of the table."""
+    name = term.name(joint)
+    return FrictionNumber(name, term.symbol, term.meaning, unit, *row, learnt, truth.get(name))
+
+
+def _directed(
+    joint: str,
+    names: Sequence[str],
+    values: FloatArray,
+    covariance: FloatArray,
+    slides: bool,
+    reach: float,
+    learnt: str,
+) -> Iterator[FrictionNumber]:
+    """Coulomb and viscous friction forwards and backwards: mean and half difference, summed and subtracted."""
+    for name in ("coulomb", "viscous"):
+        if name not in names or f"directions.{name}" not in names:
+            continue
+        term, pair = TERMS[name], [names.index(name), names.index(f"directions.{name}")]
+        for sign, mark, word in ((1.0, "+", "forwards"), (-1.0, "-", "backwards")):
+            a = np.array([1.0, sign])
+            value, std = float(a @ values[pair]), float(np.sqrt(a @ covariance[np.ix_(pair, pair)] @ a))
+            yield FrictionNumber(
+                f"{term.name(joint)}{mark}", f"{term.symbol}{mark}", f"{term.meaning} {word}", term.unit_at(slides),
+                value, std, value - reach * std, value + reach * std, learnt,
+            )  # fmt: skip
+
+
+def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:
+    """Numbers of a joint by name, link side, SI; empty for one without friction.
+
+    static: the law that they are compared with. Its numbers stand at the mean temperature of its levels, and where it
+    has no part for the load, under the mean load of these.
+    """
+    law, known = law_of(robot, joint), friction_numbers(robot)
+    if law is None:
+        return {}
+    paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
+    if static is not None:
+        paths |= _at_temperature(law, paths, static)
+        paths |= _under_load(law, paths, static)
+    return {TERMS[path].name(joint): value for path, value in paths.items()}
+
+
+def _at_temperature(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
+    """Numbers that change with temperature, at that of the levels: F_s + a dT, nu_s + b dT, f + f_T (e^-dT/T_V - 1)."""
+    warm, known = law.temperature, np.isfinite(static.levels.temperature)
+    if warm is None or not known.any():
+        return {}
+    rise = float(np.mean(static.levels.temperature[known])) - warm.reference
+    fading = math.exp(-rise / warm.decay)
+    found = {"viscous": paths["viscous"] + warm.viscous * (fading - 1), "temperature.viscous": warm.viscous * fading}
+    for name, slope in (("stiction", warm.stiction), ("stribeck_velocity", warm.stribeck_velocity)):
+        if name in paths:
+            found[name] = paths[name] + slope * rise
+    return found
+
+
+def _under_load(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
+    """Coulomb friction and stiction with what the mean load adds, where the law has no part for the load."""
+    if law.load is None or "load.coulomb" in static.names:
+        return {}
+    load = float(np.mean(static.levels.load))
+    by_load = {"coulomb": law.load.coulomb, "stiction": law.load.of_stiction}
+    return {name: paths[name] + slope * load for name, slope in by_load.items() if name in paths}

@@ -1,0 +1,223 @@
+r"""The static law through levels, by variable projection: its linear numbers are eliminated, the others searched for.
+
+.. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y, \quad
+          J = -P^\perp W \frac{\partial \Phi}{\partial \eta} c
+
+(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973, with Kaufman's Jacobian, BIT 15, 1975.) W = 1 / std of each level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import ndtri, stdtrit
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError
+from elastid.base.statistics import chi_square_tail
+from elastid.friction.static_terms import Conditions, columns, slopes
+from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, minimise
+from elastid.friction_study.levels import Levels
+from elastid.robot.friction import EXPONENT_RANGE
+
+# Starts: Stribeck velocities over the speeds, with these exponents and decays of temperature.
+START_SHARES = (0.15, 0.35, 0.6)
+START_EXPONENTS = (1.0, 2.0)
+START_DECAY_K = 20.0
+# Of the lowest and of the highest speed, between which a Stribeck velocity is looked for.
+VELOCITY_MARGINS = (0.05, 3.0)
+DECAY_RANGE_K = (1.0, 500.0)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Numbers of a law: linear ones, nonlinear ones that are searched for, and held ones with their value."""
+
+    linear: tuple[str, ...]
+    searched: tuple[str, ...]
+    held: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class CurveFit:
+    """The linear numbers and eta by name, their covariance in the order linear + searched, cost (n,)^2 and its dof."""
+
+    terms: Terms
+    T_0: float
+    values: Mapping[str, float]
+    covariance: FloatArray
+    cost: float
+    dof: int
+    hits: int
+    starts: int
+
+    @property
+    def reach(self) -> float:
+        """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
+        return float(stdtrit(self.dof, 0.975) if excess(self.cost, self.dof) > 1 else ndtri(0.975))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order of the covariance."""
+        return (*self.terms.linear, *self.terms.searched)
+
+    def torque(self, at: Conditions) -> FloatArray:
+        """s tau_f (n,) at conditions."""
+        linear = np.array([self.values[name] for name in self.terms.linear])
+        return np.asarray(columns(at, self.terms.linear, self.values, self.T_0) @ linear)
+
+    def torque_std(self, at: Conditions) -> FloatArray:
+        """Its std (n,), to first order."""
+        J = derivative(at, self.terms, self.values, self.T_0)
+        return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
+
+
+def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
+    """The law with these terms that is nearest to the levels, in units of their std, from many starts.
+
+    Raises FitError where there are fewer levels than numbers, or no start leads anywhere.
+    """
+    n_numbers = len(terms.linear) + len(terms.searched)
+    if levels.n_levels <= n_numbers:
+        raise FitError(
+            f"friction of {levels.place}: {levels.n_levels} levels for {n_numbers} numbers of its law "
+            f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law"
+        )
+    T_0 = reference_temperature(levels)
+    search = _Search(levels, terms, T_0)
+    ends = search.ends()
+    if not ends:
+        raise FitError(
+            f"friction of {levels.place}: no start of its Stribeck curve leads to an optimum; check its levels"
+        )
+    x, cost = min(ends, key=lambda end: end[1])
+    dof = levels.n_levels - n_numbers
+    hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)
+    eta = search.eta(x)
+    linear = search.project(eta).linear
+    values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
+    J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
+    covariance = inverse_normal(J) * excess(cost, dof)
+    return CurveFit(terms, T_0, values, covariance, cost, dof, hits, len(ends))
+
+
+def excess(cost: float, dof: int) -> float:
+    """By what the variance of levels is larger than stated: 1 where chance explains their scatter about a law."""
+    return cost / dof if chi_square_tail(cost, dof) < FALSE_ALARM else 1.0
+
+
+def derivative(at: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
+    """d s tau_f / d numbers (n, n_linear + n_searched)."""
+    linear = {name: values[name] for name in terms.linear}
+    return np.hstack([columns(at, terms.linear, values, T_0), slopes(at, linear, terms.searched, values, T_0)])
+
+
+def reference_temperature(levels: Levels) -> float:
+    """T_0: the mean of the temperatures, in degC; 0 where none is known."""
+    known = levels.temperature[np.isfinite(levels.temperature)]
+    return float(known.mean()) if len(known) else 0.0
+
+
+@dataclass(frozen=True)
+class _Projected:
+    linear: FloatArray
+    residual: FloatArray
+    Q: FloatArray
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The variables x: ln of each searched number; the Stribeck velocity over temperature by its ln at both ends."""
+
+    levels: Levels
+    terms: Terms
+    T_0: float
+
+    def eta(self, x: FloatArray) -> dict[str, float]:
+        """The nonlinear numbers at x, held ones included."""
+        found = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
+        if "temperature.stribeck_velocity" in self.terms.searched:
+            cold, hot = found["stribeck_velocity"], found["temperature.stribeck_velocity"]
+            low, high = self._ends
+            found["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
+            found["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
+        return found
+
+    def slopes_by_x(self, x: FloatArray) -> FloatArray:
+        """d eta / d x (n_searched, n_searched)."""
+        chain = np.diag(np.exp(x))
+        if "temperature.stribeck_velocity" in self.terms.searched:
+            i, j = (self.terms.searched.index(n) for n in ("stribeck_velocity", "temperature.stribeck_velocity"))
+            low, high = self._ends
+            cold, hot = np.exp(x[i]), np.exp(x[j])
+            chain[i, i], chain[i, j] = cold * (1 + low / (high - low)), -low / (high - low) * hot
+            chain[j, i], chain[j, j] = -cold / (high - low), hot / (high - low)
+        return chain
+
+    def project(self, eta: Mapping[str, float]) -> _Projected:
+        """The best linear numbers at eta, and what is left."""
+        W = 1 / self.levels.std
+        Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
+        y = W * self.levels.torque
+        share = Q.T @ y
+        diagonal = np.abs(np.diag(R))
+        if diagonal.min() > 1e-12 * diagonal.max():
+            linear = np.asarray(solve_triangular(R, share))
+        else:
+            linear = np.asarray(np.linalg.lstsq(R, share, rcond=None)[0])
+        return _Projected(linear, y - Q @ share, Q)
+
+    def ends(self) -> list[tuple[FloatArray, float]]:
+        """The ends of the searches from all starts, with their costs."""
+        starts = list(self.starts())
+        if not self.terms.searched:
+            left = self.project(self.eta(starts[0])).residual
+            return [(starts[0], float(left @ left))]
+        found = minimise(
+            self._residual, starts, jac=self._jacobian, bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10
+        )
+        return [(end.x, end.cost) for end in found]
+
+    def starts(self) -> Iterator[FloatArray]:
+        """Stribeck velocities over the speeds, exponents, one decay."""
+        speeds = np.log(self.levels.speed)
+        velocities = speeds.min() + np.array(START_SHARES) * np.ptp(speeds)
+        choices: dict[str, tuple[float, ...]] = {
+            "stribeck_velocity": tuple(velocities),
+            "exponent": tuple(np.log(START_EXPONENTS)),
+            "load.stribeck_velocity": tuple(velocities[1:]),
+            "temperature.decay": (float(np.log(START_DECAY_K)),),
+        }
+        names = [name for name in self.terms.searched if name != "temperature.stribeck_velocity"]
+        for values in product(*(choices[name] for name in names)):
+            at = dict(zip(names, values, strict=True))
+            at["temperature.stribeck_velocity"] = at.get("stribeck_velocity", 0.0)
+            yield np.array([at[name] for name in self.terms.searched])
+
+    def _residual(self, x: FloatArray) -> FloatArray:
+        return self.project(self.eta(x)).residual
+
+    def _jacobian(self, x: FloatArray) -> FloatArray:
+        eta = self.eta(x)
+        there = self.project(eta)
+        linear = dict(zip(self.terms.linear, there.linear.tolist(), strict=True))
+        moved = slopes(self.levels.conditions, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
+        J = moved @ self.slopes_by_x(x)
+        return np.asarray(there.Q @ (there.Q.T @ J) - J)
+
+    @property
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        slow, fast = VELOCITY_MARGINS[0] * self.levels.speed.min(), VELOCITY_MARGINS[1] * self.levels.speed.max()
+        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
+        ends = [ranges.get(name, (slow, fast)) for name in self.terms.searched]
+        low, high = np.log(np.array(ends)).T
+        return low, high
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        known = self.levels.temperature[np.isfinite(self.levels.temperature)] - self.T_0
+        return float(known.min()), float(known.max())

@@ -1,0 +1,150 @@
+r"""Levels of friction by regression: the f for which G is the same in all realisations.
+
+For each line, with the net torques U_n = U - Phi f and the projector Q that takes their span out of the K experiments,
+
+.. math:: e = (U - G^{-1} Y)\, Q = \Phi Q\, f + noise, \qquad G = Y U_n^H (U_n U_n^H)^{-1}
+
+G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines that were not
+excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their levels are the same in all
+configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
+
+# The level of the residual is averaged over so many neighbouring lines for the weights.
+_WINDOW = 9
+# Repetitions of the regression; the change falls by more than ten each time.
+_ITERATIONS = 4
+# Blocks of lines in the place of realisations, where there is one.
+_BLOCKS = 5
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over lines and configurations for each fold and motor, weighted to residuals of variance 1 about f.
+
+    A fold is a realisation, or a block of lines where there is one realisation.  A (M, n_f, n_f), b (M, n_f): X^H X and
+    X^H e.  c (M, n_m): e^H e.  level (C, n_m): amplitude of e - X f at a line, the median, which a few lines
+    beside sharp resonances do not move.  dof_share: share of the residuals that the elimination of G leaves.
+    """
+
+    A: FloatArray
+    b: FloatArray
+    c: FloatArray
+    level: FloatArray
+    dof_share: float
+
+
+def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray) -> NormalEquations:
+    """The sums about given levels (n_f,) of shapes at motors motor_of (n_f,)."""
+    n_m, n_f = data[0].U.shape[1], len(levels)
+    realisations = np.unique(np.concatenate([each.realisation for each in data]))
+    M = len(realisations) if len(realisations) > 1 else _BLOCKS
+    A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
+    level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
+    for i, each in enumerate(data):
+        net = each.net(taken(levels, each.Phi, motor_of, n_m))
+        of = each.excited[net.counts]
+        shares[i] = 1 - n_m / each.U.shape[2] * of.mean() if of.size else 1.0
+        fold, of_shapes = _folds(each, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
+        for motor in range(n_m):
+            own = np.flatnonzero(motor_of == motor)
+            e, X = net.e[net.counts, motor], of_shapes[own]
+            left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
+            level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
+            w = np.sqrt(_weights(left, of))[:, None]
+            e, X = w * e, w * X
+            for m in range(M):
+                e_m, X_m = e[fold == m], X[:, fold == m]
+                A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
+                b[m, own] += (X_m.conj() @ e_m).real
+                c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
+    return NormalEquations(A, b, c, level, float(shares.mean()))
+
+
+def find_levels(
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, chosen: IntArray
+) -> tuple[FloatArray, NormalEquations]:
+    """Levels (n_f,), none negative and 0 of all shapes but those chosen (n,), and the sums about them."""
+    levels = np.zeros(len(motor_of))
+    for _ in range(_ITERATIONS):
+        found = normal_equations(data, levels, motor_of)
+        levels[chosen] = solve(found.A.sum(axis=0)[np.ix_(chosen, chosen)], found.b.sum(axis=0)[chosen])
+    return levels, normal_equations(data, levels, motor_of)
+
+
+def solve(A: FloatArray, b: FloatArray) -> FloatArray:
+    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f.
+
+    By active sets, as SciPy's nnls, whose package takes longer to load than most responses to estimate. (Lawson and
+    Hanson, Solving Least Squares Problems, 1974, ch. 23.)
+    """
+    if not len(b):
+        return b
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    # A small ridge: shapes may be the same in all that was measured.
+    A, b = A / np.outer(size, size) + 1e-9 * np.eye(len(b)), b / size
+    f, free = np.zeros(len(b)), np.zeros(len(b), bool)
+    for _ in range(3 * len(b)):  # rounding might free and hold the same one for ever
+        pull = np.where(free, 0.0, b - A @ f)
+        if pull.max() <= 1e-12 * np.abs(b).max():
+            break
+        free[np.argmax(pull)] = True
+        f, free = _moved_within(A, b, f, free)
+    return np.asarray(f / size)
+
+
+def _moved_within(A: FloatArray, b: FloatArray, f: FloatArray, free: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """The least of the quadratic over the free numbers (n,) from f >= 0 on; those that would fall below stay at 0."""
+    while True:
+        target = np.zeros(len(b))
+        target[free] = np.linalg.solve(A[np.ix_(free, free)], b[free])
+        falling = free & (target <= 0)
+        if not falling.any():
+            return target, free
+        f = f + np.min(f[falling] / (f[falling] - target[falling])) * (target - f)
+        free = free & ~(falling & (f <= 1e-12 * np.abs(f).max()))
+        f = np.where(free, f, 0.0)
+
+
+def covariance(found: NormalEquations, chosen: IntArray) -> FloatArray:
+    """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines.
+
+    0 of all shapes but those chosen (n,).
+    """
+    n_f = found.A.shape[1]
+    C = np.zeros((n_f, n_f))
+    if len(chosen):
+        A = (found.A.sum(axis=0) * found.dof_share)[np.ix_(chosen, chosen)]
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        C[np.ix_(chosen, chosen)] = (
+            0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        )
+    return C
+
+
+def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
+    """The fold (F, K) of each residual at the lines that count."""
+    F, K = int(net.counts.sum()), data.U.shape[2]
+    if len(realisations) > 1:
+        return np.broadcast_to(np.searchsorted(realisations, data.realisation), (F, K))
+    return np.broadcast_to((np.arange(F) * 4 * _BLOCKS // max(F, 1) % _BLOCKS)[:, None], (F, K))
+
+
+def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
+    """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
+    smooth = np.empty_like(power)
+    for kind in (excited, ~excited):
+        if not kind.any():
+            continue
+        window = np.ones(min(_WINDOW, int(kind.sum())))
+        smooth[kind] = np.convolve(power[kind], window, "same") / np.convolve(np.ones(kind.sum()), window, "same")
+    return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))

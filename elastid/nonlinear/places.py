@@ -1,0 +1,138 @@
+r"""Records on the shafts of motors whose gears couple the axes, and back to the link side: dry friction acts on shafts.
+
+.. math:: q_m' = E q_a, \qquad \tau_a = E^T \tau_m'
+
+q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
+the robot's matrix of couplings. Shafts keep the names of their motors.
+
+Friction cannot be found at all places: motors stick, their torque is no input, or their velocity is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
+from elastid.frf.spectra import RecordSpectra
+from elastid.nonlinear.motion import motion_of
+from elastid.record import Record
+
+# The sign of a velocity with more noise than this, over its RMS, is noise.
+_MAX_VELOCITY_NOISE = 0.03
+
+
+def on_shafts(record: Record, E: FloatArray | None) -> Record:
+    """The record with torques and motions of shafts in the place of those of motors; itself without couplings (None).
+
+    Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
+    """
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
+    if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
+        others = [i for i in range(len(record.outputs)) if i not in columns]
+        return replace(
+            record,
+            y=record.y[:, others],
+            outputs=tuple(record.outputs[i] for i in others),
+            quantities=tuple(record.quantities[i] for i in others),
+        )
+    return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+
+
+def on_links(record: Record, E: FloatArray | None) -> Record:
+    """The inverse of `on_shafts`, for records of all motors."""
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs]
+    return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
+
+
+def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion: FloatArray) -> Record:
+    """Rows of torque times one matrix, rows of motion times the other."""
+    y = record.y.copy()
+    y[:, columns] = record.y[:, columns] @ of_motion
+    r = None if record.r is None else record.r @ of_torque
+    return replace(record, u=record.u @ of_torque, y=y, r=r)
+
+
+# A velocity below this part of its RMS, or below so many times its noise, is none.
+_STILL, _NOISES = 0.01, 2.0
+# A motor that is still for this part of the time sticks; one of Gaussian velocity is for at most 5 %.
+_MIN_STICKING = 0.2
+
+
+def limits_of(records: Sequence[Record]) -> tuple[Note, ...]:
+    """Notes on the motors of a configuration, from the first of its records."""
+    first = records[0]
+    notes = []
+    for place in first.inputs:
+        motion = motion_of(first, place)
+        still = max(_STILL * motion.speed, _NOISES * motion.velocity_noise)
+        share = float(np.mean(np.abs(motion.velocity) <= still))
+        if share > _MIN_STICKING:
+            text = (
+                f"{place} hardly moves for {100 * share:.0f} % of the time in configuration "
+                f"{first.configuration.name}: it sticks, friction is then a spring of bristles, which stays in the "
+                "responses; excite it more, or move it by a carrier"
+            )
+            notes.append(Note("friction-sticks", text))
+    others = [place for place in first.outputs if place.startswith("motor ") and place not in first.inputs]
+    if others:
+        names = ", ".join(others)
+        text = (
+            f"{names}: friction stays in the responses, since the torque of {names} is not among the inputs; log it "
+            "and excite it, or take what the responses call viscous friction there for dry friction as well"
+        )
+        notes.append(Note("friction-left", text, severity="information"))
+    return tuple(notes)
+
+
+def torque_is_reference(record: Record) -> tuple[str, ...]:
+    """Inputs whose logged torque equals the reference to the last bit."""
+    if record.r is None:
+        return ()
+    same = np.all(record.u == record.r, axis=0)
+    return tuple(place for place, equal in zip(record.inputs, same.tolist(), strict=True) if equal)
+
+
+def refusal(records: Sequence[Record]) -> str:
+    """Why friction cannot be found in the records of a configuration; empty where it can."""
+    first = records[0]
+    if not first.is_periodic:
+        return "the records have no period; friction is found from differences between periodic experiments"
+    missing = [place for place in first.inputs if place not in first.outputs]
+    if missing:
+        return (
+            f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
+            "function of them"
+        )
+    if same := torque_is_reference(first):
+        return (
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that what the controller adds "
+            "against friction is not in it and friction cannot be told; log the torque, or the current, that the "
+            "drive is given"
+        )
+    if any(RecordSpectra(record).is_large for record in records):
+        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
+    n_u, K = len(first.inputs), len(records)
+    if n_u > K:
+        return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
+    for place in first.inputs:
+        noise, speed = _velocity(records, place)
+        if noise > _MAX_VELOCITY_NOISE * speed:
+            return (
+                f"the velocity of {place} is {speed:.2g} RMS and its noise {noise:.2g}, so that its sign is not known; "
+                "use an encoder of more counts, or excite slower or larger motions"
+            )
+    return ""
+
+
+def _velocity(records: Sequence[Record], place: str) -> tuple[float, float]:
+    """RMS noise and RMS of the velocity of a motor, in the first of the records."""
+    motion = motion_of(records[0], place)
+    return motion.velocity_noise, motion.speed

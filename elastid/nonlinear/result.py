@@ -1,0 +1,94 @@
+"""FrictionTakenOut: friction at the motors, found in the records of a measurement and taken out of its responses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.note import Note
+from elastid.nonlinear.shapes import Shape
+
+
+@frozen_value
+class FrictionTakenOut:
+    """Levels f_i of shapes of friction, torque = -sum f_i phi_i, that were taken out of the records' torque.
+
+    places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
+    shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
+    side; 0 of shapes that were not taken out but fit nearly as well.  covariance (n_f, n_f): of the levels by noise and
+    by the choice between shapes; standard deviations are those of a normal distribution.
+    configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
+    median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
+    of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
+    accelerance (n_m,): acceleration per torque at the highest lines, 1 / (kg m^2) (1 / kg), 0 where it is not known.
+    notes: what was taken out of which motor, or why nothing was.
+    """
+
+    places: tuple[str, ...]
+    place_units: tuple[str, ...]
+    shapes: tuple[Shape, ...]
+    levels: FloatArray
+    covariance: FloatArray
+    configurations: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+    kept_share: FloatArray
+    accelerance: FloatArray
+    notes: tuple[Note, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
+        expected = {
+            "levels": (n_f,),
+            "covariance": (n_f, n_f),
+            "before": (C, n_m),
+            "after": (C, n_m),
+            "kept_share": (n_m,),
+            "accelerance": (n_m,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def taken_shapes(self, place: str) -> tuple[tuple[Shape, float], ...]:
+        """The shapes that were taken out of a motor's torque, each with its level."""
+        pairs = zip(self.shapes, self.levels.tolist(), strict=True)
+        return tuple((shape, level) for shape, level in pairs if shape.place == place and level > 0)
+
+    def taken_places(self) -> tuple[str, ...]:
+        """The motors that friction was taken out of."""
+        return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
+
+    def sliding_level(self, place: str) -> tuple[float, float]:
+        """F_c in Nm (N) of steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        return self._combined(
+            np.array([shape.place == place and not shape.is_rate for shape in self.shapes], dtype=np.float64)
+        )
+
+    def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) after a reversal out of steady sliding, at `distance` (n,) from it, and its standard deviation.
+
+        From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
+        """
+        return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
+
+    def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) in steady sliding at `velocity` (n,), and its standard deviation; link side, rad/s and Nm."""
+        return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+
+    def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        of_place = np.array([shape.place == place for shape in self.shapes])
+        rows = np.stack(values, axis=1) * of_place
+        return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
+
+    def _combined(self, row: FloatArray) -> tuple[float, float]:
+        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))

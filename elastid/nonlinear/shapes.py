@@ -1,0 +1,166 @@
+r"""Shapes of friction: functions phi of a motor's measured angle and velocity, each 1 in steady sliding, and rates.
+
+.. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D, \qquad rate: \phi = \dot s
+
+Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
+gradually, as oil or noise in the velocity make it. A rate is the damping of a bristle: 0 in steady sliding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.fft import rfft
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.friction.operators import Path, bristle, stop
+from elastid.nonlinear.motion import Motion, laplace, whole_samples
+from elastid.record import Record
+
+# From here on tanh(x) is 1 to 1e-10.
+_SATURATED = 12.0
+
+
+Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
+RATE_OF: dict[Kind, Kind] = {"stop": "stop rate", "bristle": "bristle rate"}
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape at a motor, by its place; threshold D: rad/s of a sign, else rad (m/s, m) on the link side."""
+
+    place: str
+    kind: Kind
+    threshold: float = 0.0
+
+    @property
+    def is_rate(self) -> bool:
+        """True if its level is a damping, in Nms/rad, and not a torque."""
+        return self.kind in RATE_OF.values()
+
+    def reversal(self, distance: FloatArray) -> FloatArray:
+        """The shape (n,) at `distance` (n,) after a reversal out of steady sliding, moved slowly: from -1 to 1."""
+        if self.is_rate:
+            return np.zeros(len(distance))
+        if self.kind == "sign":
+            return np.where(distance > 0, 1.0, -1.0)
+        x = distance / self.threshold
+        return np.asarray(np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x))
+
+    def sliding(self, velocity: FloatArray) -> FloatArray:
+        """The shape (n,) in steady sliding at `velocity` (n,)."""
+        if self.is_rate:
+            return np.zeros(len(velocity))
+        gradual = self.kind == "sign" and self.threshold > 0
+        return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
+
+
+def amplitudes(
+    record: Record, motion: Motion, shapes: Sequence[Shape], periods: IntArray, lines: IntArray
+) -> ComplexArray:
+    """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), in the mean over some repetitions of a record."""
+    L, n = record.repeat_samples * motion.cells, record.period_samples * motion.cells
+    found = np.zeros((len(shapes), len(lines)), complex)
+    for shape, of_shape, means in zip(shapes, found, _cell_means(record, motion, shapes), strict=True):
+        each = means.reshape(-1, L)[periods]
+        mean = ((-1.0) ** periods @ each if record.half_wave else each.sum(axis=0)) / len(periods)
+        if record.half_wave:
+            mean = np.concatenate([mean, -mean])
+        of_shape[:] = rfft(mean)[lines] * _derivative(record, shape, lines, record.period_samples)
+    return np.asarray(found * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
+
+
+def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
+    """DFT (n cells // 2 + 1,), as of n samples, of friction of some shapes of a motor, each with its level.
+
+    Over the whole periods of a record.
+    """
+    n = whole_samples(record)
+    found = np.zeros(n * motion.cells // 2 + 1, complex)
+    for is_rate in (False, True):
+        own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
+        if own:
+            # One transform of their sum: it costs more than a shape.
+            of_sum = rfft(_sum_of_cell_means(record, motion, own))
+            found += of_sum * laplace(len(found), n, record.rate_hz) if is_rate else of_sum
+    found *= _of_cells(n * motion.cells, motion.cells)
+    return found
+
+
+def _sum_of_cell_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
+    """The mean (n cells,) in each cell of friction of some shapes; of rates, of the bristles times their thresholds."""
+    signs = [(shape.threshold, level) for shape, level in taken if shape.kind == "sign"]
+    found = sum_of_mean_signs(motion.velocity, signs) if signs else np.zeros(len(motion.velocity) - 1)
+    bent = [
+        (shape, level * (shape.threshold if shape.is_rate else 1.0)) for shape, level in taken if shape.kind != "sign"
+    ]
+    for (_, level), means in zip(bent, _cell_means(record, motion, [shape for shape, _ in bent]), strict=True):
+        found += level * means
+    return found
+
+
+def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
+    """The mean (n cells,) in each cell of each shape, or of the bristle whose rate it is."""
+    path = None
+    if any(shape.kind != "sign" for shape in shapes):
+        # The state of a bristle at the start is not known: the first period is run over twice.
+        before = motion.angle[: record.period_samples * motion.cells]
+        path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+    for shape in shapes:
+        if path is None or shape.kind == "sign":
+            yield mean_sign(motion.velocity, shape.threshold)
+        else:
+            s = (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)
+            yield (s[:-1] + s[1:]) / (2 * shape.threshold)
+
+
+@lru_cache(maxsize=4)
+def _of_cells(n: int, cells: int) -> ComplexArray:
+    """From the DFT (n // 2 + 1,) of the means over n cells to that of samples: a mean is the middle value, filtered by
+    sinc."""
+    x = np.arange(n // 2 + 1) / n
+    return frozen(np.exp(-1j * np.pi * x) / (np.sinc(x) * cells), np.complex128)
+
+
+def _derivative(record: Record, shape: Shape, lines: IntArray, n: int) -> ComplexArray | float:
+    if not shape.is_rate:
+        return 1.0
+    return np.asarray(2j * np.pi * record.rate_hz / n * shape.threshold * lines)
+
+
+def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
+    """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0."""
+    return sum_of_mean_signs(v, [(v_s, 1.0)])
+
+
+def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> FloatArray:
+    """Sum (n - 1,) of levels times `mean_sign`, of pairs of a speed v_s and a level; they share the search for cells.
+
+    By the integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
+    """
+    speed = np.abs(v)
+    slow = speed <= _SATURATED * max(v_s for v_s, _ in signs)
+    negative = np.signbit(v)
+    found = np.copysign(sum(level for _, level in signs), v[:-1])
+    turning = np.flatnonzero(slow[:-1] | slow[1:] | (negative[:-1] != negative[1:]))
+    # Neighbouring cells share a point, where the integral is found once.
+    before = np.arange(len(turning)) + np.cumsum(np.diff(turning, prepend=turning[:1]) > 1)
+    points = np.zeros(len(turning) and before[-1] + 2, dtype=np.int64)
+    points[before], points[before + 1] = turning, turning + 1
+    step = v[turning + 1] - v[turning]
+    small = np.abs(step) <= 1e-6 * (speed[turning] + speed[turning + 1])
+    middle = (v[turning] + v[turning + 1])[small] / 2
+    step[small] = 1.0
+    found[turning] = 0.0
+    for v_s, level in signs:
+        integral = speed[points]
+        if v_s > 0:
+            integral += v_s * np.log1p(np.exp(-2 / v_s * integral))
+        mean = (integral[before + 1] - integral[before]) / step
+        mean[small] = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
+        found[turning] += level * mean
+    return np.asarray(found)

@@ -1,0 +1,196 @@
+"""Torques, motions and shapes of friction of all experiments of one configuration, at lines excited or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.excitation.grids import line_frequencies
+from elastid.frf.distortion import interpolated
+from elastid.frf.lines import analysed_lines, lines_are_known
+from elastid.frf.period_selection import trusted
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra, period_spectra
+from elastid.nonlinear.motion import Motion, motion_of
+from elastid.nonlinear.reconstruct import friction_spectrum, other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import Shape, amplitudes
+from elastid.record import Record
+
+# So many lines of a configuration, evenly taken, give the levels as well as all.
+_MAX_LINES = 400
+# G is interpolated between two lines where it changes by at most this part.
+_MAX_CHANGE = 0.3
+# Singular values of the torques below this part of the largest are none.
+_MIN_SINGULAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Net:
+    """Remainder of a configuration after the net torques: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
+
+    e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
+    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
+    say something of f.
+    """
+
+    e: ComplexArray
+    X: ComplexArray
+    counts: BoolArray
+
+
+@dataclass(frozen=True)
+class ConfigurationSpectra:
+    """Amplitudes of K experiments at F lines: U (F, n_m, K), Y (F, n_m, K) of the same motors, Phi (F, n_f, K).
+
+    excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
+    freq_hz (F,).
+    """
+
+    lines: IntArray
+    freq_hz: FloatArray
+    excited: BoolArray
+    U: ComplexArray
+    Y: ComplexArray
+    Phi: ComplexArray
+    realisation: IntArray
+
+    @property
+    def shows_friction(self) -> bool:
+        """True if there are more experiments than inputs, or lines that are not excited."""
+        return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
+
+    @property
+    def is_invertible(self) -> bool:
+        """True if the experiments separate the inputs and G has an inverse, at every line that is excited."""
+        both = self.U[self.excited], self.Y[self.excited]
+        return not self.excited.any() or all(_has_full_rank(spectra) for spectra in both)
+
+    def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
+        """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
+        0 without."""
+        Phi = self.Phi[:, chosen]
+        of_rates = 2j * np.pi * self.freq_hz[:, None, None] * rates[:, None] * Phi
+        return replace(self, Phi=np.concatenate([Phi, of_rates[:, rates > 0]], axis=1))
+
+    def nonlinear_share(self) -> FloatArray:
+        """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
+
+        From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
+        """
+        on, (_, n_m, K) = self.excited, self.U.shape
+        power = np.sum(np.abs(self.Phi[on]) ** 2, axis=(0, 2))
+        if n_m < K:
+            X = self.net(np.zeros_like(self.U)).X[on]
+            return np.asarray(np.sum(np.abs(X) ** 2, axis=(0, 2)) * K / (K - n_m) / np.maximum(power, 1e-300))
+        off = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
+        return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
+
+    def net(self, friction: ComplexArray) -> Net:
+        """Residuals and shapes where `friction` (F, n_m, K) is taken out of U."""
+        on = self.excited
+        net = self.U - friction
+        pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
+        G = self.Y[on] @ pseudo
+        e = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y)
+        X = self.Phi.copy()
+        # The span of the net torques is that of Y, too, as far as G maps one onto the other.
+        e[on] -= (e[on] @ pseudo) @ net[on]
+        X[on] -= (X[on] @ pseudo) @ net[on]
+        counts = on & (self.U.shape[2] > self.U.shape[1])
+        counts[~on] = _smooth(self.lines[~on], self.lines[on], G)
+        return Net(e, X, counts)
+
+
+def gather_configuration(
+    records: Sequence[Record],
+    shapes: Sequence[Shape],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    friction: FrictionTakenOut | None = None,
+) -> ConfigurationSpectra:
+    """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
+
+    friction: under which motors turn back between their samples; None as long as none was found.
+    Raises DataError and StudyError as `analysed_lines` does.
+    """
+    first = records[0]
+    known = lines_are_known(spec, planned)
+    spectra = [RecordSpectra(each) if known else RecordSpectra(each).with_driver() for each in records]
+    excited = analysed_lines(spectra, spec, planned)
+    everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
+    lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
+    is_excited = np.isin(lines, excited)
+    columns = [first.outputs.index(place) for place in first.inputs]
+    U, Y, Phi = [], [], []
+    places = tuple(dict.fromkeys(shape.place for shape in shapes))
+    for logged in spectra:
+        each, motions = _with_motions(logged, places, friction)
+        found = period_spectra(each, lines, spec.quantity)
+        kept = trusted(found.on(is_excited), spec).periods if len(found.periods) > 1 else found.periods
+        used = found.only(kept)
+        Y.append(used.Y.mean(axis=0)[:, columns])
+        U.append(used.U.mean(axis=0))
+        # A last half period without its other half is no part of the motion.
+        whole = kept[kept < each.record.n_periods * first.period_samples // first.repeat_samples]
+        Phi.append(np.zeros((len(lines), len(shapes)), complex))
+        for place, motion in motions.items():
+            own = [i for i, shape in enumerate(shapes) if shape.place == place]
+            Phi[-1][:, own] = amplitudes(each.record, motion, [shapes[i] for i in own], whole, lines).T
+    return ConfigurationSpectra(
+        lines=lines,
+        freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),
+        excited=is_excited,
+        U=np.stack(U, axis=2),
+        Y=np.stack(Y, axis=2),
+        Phi=np.stack(Phi, axis=2),
+        realisation=np.array([record.realisation for record in records]),
+    )
+
+
+def _with_motions(
+    spectra: RecordSpectra, places: Sequence[str], friction: FrictionTakenOut | None
+) -> tuple[RecordSpectra, dict[str, Motion]]:
+    """The motion of each of some motors under the friction that was found, and spectra with the net torque's images."""
+    record = spectra.record
+    if friction is None:
+        return spectra, {place: motion_of(record, place) for place in places}
+    record = over_whole_periods(record)
+    motions = {place: sharp_motion(record, place, friction) for place in places}
+    y = record.y.copy()
+    for place, motion in motions.items():
+        torque = friction_spectrum(record, place, motion, friction)
+        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+    return RecordSpectra(replace(record, y=y)), motions
+
+
+def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
+    """Friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
+    torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
+    for f in np.flatnonzero(levels):
+        torque[:, motor_of[f]] += levels[f] * Phi[:, f]
+    return torque
+
+
+def _has_full_rank(spectra: ComplexArray) -> bool:
+    """True if the signals of spectra (F, n_m, K), each over its largest amplitude, are independent at every line."""
+    largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
+    values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
+    return bool(np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]))
+
+
+def _some(lines: IntArray) -> IntArray:
+    """At most _MAX_LINES of the lines, evenly taken, the first and the last among them."""
+    if len(lines) <= _MAX_LINES:
+        return lines
+    return lines[np.linspace(0, len(lines) - 1, _MAX_LINES).round().astype(np.int64)]
+
+
+def _smooth(at: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
+    """True where G (F, n_m, n_m) changes little between the lines (F,) on both sides of `at` (K,)."""
+    right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
+    change = np.linalg.norm(G[right] - G[right - 1], axis=(1, 2))
+    return np.asarray(change < _MAX_CHANGE * np.linalg.norm(G[right], axis=(1, 2)))

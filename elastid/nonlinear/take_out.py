@@ -1,0 +1,137 @@
+r"""Responses of records with the friction of the motors taken out, and the errors that its levels leave in them.
+
+Levels that are off by df leave their torque in U, and so in all configurations alike, at the lines of Phi
+
+.. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
+
+for shapes Phi at motor j. df has the covariance of the levels L L^T: a systematic error for each column of L, each of a
+size that is known. No scatter between realisations shows them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.note import Note
+from elastid.frf.distortion import interpolated
+from elastid.frf.estimate import estimate
+from elastid.frf.friction_bias import SYSTEMATIC_ERRORS
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.places import on_links, on_shafts
+from elastid.nonlinear.reconstruct import as_held, friction_spectrum, other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.spectra import gather_configuration, taken
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+
+# Errors of the levels that are smaller than this part of the largest are left out.
+_MIN_ERROR = 1e-4
+# Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on
+# distortion that no motor's friction explains is warned of.
+_MIN_DISTORTION = 10.0
+
+
+def estimate_without_friction(
+    records: Sequence[Record],
+    friction: FrictionTakenOut | None,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None = None,
+    E: FloatArray | None = None,
+) -> FrequencyResponse:
+    """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
+
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    Raises DataError as `estimate` does.
+    """
+    response = estimate(tuple(net_records(records, friction, E)), spec, planned_lines)
+    if friction is None:
+        return response
+    response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))
+    if not friction.shapes:
+        return response
+    errors = _level_errors(records, friction, response, spec, planned_lines, E)
+    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
+    before = none if response.bias is None else response.bias
+    return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
+
+
+def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tuple[Note, ...]:
+    """A note where distortion far above the noise was not found to be friction of some motors."""
+    others = [place for place in friction.places if place not in friction.taken_places()]
+    if not others or not friction.configurations or response.noise is None or response.total is None:
+        return ()
+    known = response.noise.variance > 0
+    if not known.any():
+        return ()
+    ratio = float(np.median(response.total.variance[known] / response.noise.variance[known]))
+    if ratio < _MIN_DISTORTION:
+        return ()
+    motors = ", ".join(others)
+    text = (
+        f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of {motors} "
+        "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
+        "damping off by several of their standard deviations; compare with a run of twice the torque"
+    )
+    return (Note("unexplained-distortion", text, f"configuration {response.configuration.name}"),)
+
+
+def _level_errors(
+    records: Sequence[Record],
+    friction: FrictionTakenOut,
+    response: FrequencyResponse,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None,
+    E: FloatArray | None,
+) -> ComplexArray:
+    """delta G (n_b, n_u, F, n_y, n_u) by the levels of each motor, their largest errors first."""
+    places, n_u = friction.places, len(friction.places)
+    coupling = np.eye(n_u) if E is None else E
+    data = gather_configuration([on_shafts(each, E) for each in records], friction.shapes, spec, planned_lines)
+    motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
+    on = data.excited
+    pseudo = np.linalg.pinv((data.U - taken(friction.levels, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(coupling.T)
+    at = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
+    factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
+    errors = np.zeros((max(each.shape[1] for each in factors), n_u, *response.G.shape), complex)
+    for j, L in enumerate(factors):
+        rows = interpolated(at, data.lines[on], np.einsum("fik,ib->fbk", data.Phi[on], L) @ pseudo)
+        errors[: L.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
+    return errors
+
+
+def _factors(C: FloatArray) -> FloatArray:
+    """L (n, n_b) of C = L L^T (n, n), largest columns first."""
+    power, V = np.linalg.eigh(C)
+    large = np.flatnonzero(power > _MIN_ERROR**2 * power[-1])[::-1]
+    return np.asarray(V[:, large] * np.sqrt(power[large]))
+
+
+def net_records(
+    records: Iterable[Record], friction: FrictionTakenOut | None, E: FloatArray | None = None
+) -> Iterator[Record]:
+    """The records with the net torque as u, one at a time; as they are where nothing was taken out.
+
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    """
+    for record in records:
+        if friction is None or not friction.shapes:
+            yield record
+        else:
+            yield on_links(net_record(on_shafts(record, E), friction), E)
+
+
+def net_record(record: Record, friction: FrictionTakenOut) -> Record:
+    """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
+    if not friction.shapes:
+        return record
+    record = over_whole_periods(record)
+    u, y = record.u.copy(), record.y.copy()
+    for place in friction.taken_places():
+        torque = friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
+        u[:, record.inputs.index(place)] -= as_held(torque, record, place)
+        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+    return replace(record, u=u, y=y)

@@ -1,0 +1,122 @@
+"""Bias of a mean response by Coulomb friction: against the mean of many simulated records of a mass that rubs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.excitation.multisine import synthesise
+from elastid.fit.problem.least_squares import as_real
+from elastid.frf.estimate import estimate
+from elastid.frf.friction_bias import OWN_SHARE, TURNED_SHARE
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+
+RATE, N, PERIODS = 1000.0, 1000, 3
+LINES = np.arange(3, 61, 2)
+J, VISCOUS, STIFFNESS = 2.0, 10.0, 300.0
+
+
+def rubbing(coulomb: float, n: int, seed: int = 0, noise: float = 0.0) -> list[Record]:
+    """n records of a mass on a spring, J v' + d v + k q + F tanh(v / v_s) = u, u a held multisine of RMS 10."""
+    rng = np.random.default_rng(seed)
+    R = np.sqrt(2 / len(LINES)) * 10 * np.exp(2j * np.pi * rng.random((len(LINES), n)))
+    u = synthesise(LINES, R, N)
+    q, v, h = np.zeros(n), np.zeros(n), 1 / RATE
+    positions = np.empty((PERIODS * N, n))
+
+    def rate(q: np.ndarray, v: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return (torque - VISCOUS * v - STIFFNESS * q - coulomb * np.tanh(v / 1e-3)) / J
+
+    for k in range(PERIODS * N):
+        positions[k], torque = q, u[k % N]
+        a_1 = rate(q, v, torque)
+        a_2 = rate(q + h / 2 * v, v + h / 2 * a_1, torque)
+        a_3 = rate(q + h / 2 * (v + h / 2 * a_1), v + h / 2 * a_2, torque)
+        a_4 = rate(q + h * (v + h / 2 * a_2), v + h * a_3, torque)
+        q, v = q + h * v + h**2 / 6 * (a_1 + a_2 + a_3), v + h / 6 * (a_1 + 2 * a_2 + 2 * a_3 + a_4)
+    y = positions[N:] + noise * rng.standard_normal((2 * N, n))
+    place, logged = ("motor 1",), np.tile(u, (2, 1))
+    return [
+        Record(f"r{m}", Configuration("c", [0.0]), m, 0, RATE, N, place, place, ("position",), logged[:, [m]],
+               y[:, [m]], hold="zero-order")
+        for m in range(n)
+    ]  # fmt: skip
+
+
+def impedance(G: np.ndarray) -> np.ndarray:
+    """Torque per velocity (F,) of acceleration per torque (F,)."""
+    return np.asarray(2j * np.pi * LINES * RATE / N / G)
+
+
+@pytest.mark.parametrize("coulomb", [1.6, 3.0])
+def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coulomb: float) -> None:
+    """Friction of 0.16 and 0.3 rms torques adds, beside viscous friction, a reactance that grows with frequency.
+
+    The mean of 600 records shows it; six alone predict it, without being told the friction, to a third.
+    """
+    many = rubbing(coulomb, 600)
+    mean = estimate(many, EstimatorSpec(), LINES).G[:, 0, 0]
+    omega = 2 * np.pi * LINES * RATE / N
+    added = impedance(mean) - (VISCOUS + 1j * (J * omega - STIFFNESS / omega))
+    response = estimate(many[:6], EstimatorSpec(), LINES)
+    assert response.bias is not None
+    predicted = impedance(response.G[:, 0, 0] + response.bias[0, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
+    upper = LINES > 30
+    assert added.imag[upper].mean() > 0.05 * added.real.mean()
+    assert predicted.imag[upper].mean() == pytest.approx(added.imag[upper].mean(), rel=0.34)
+    assert predicted.imag[upper].mean() > 2 * predicted.imag[LINES < 15].mean()
+    viscous = impedance(response.G[:, 0, 0] + response.bias[-1, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
+    low = LINES < 10
+    assert viscous.real[low].mean() / OWN_SHARE == pytest.approx(added.real[low].mean(), rel=0.15)
+
+
+@pytest.mark.parametrize("coulomb", [1.6, 3.0])
+def test_the_phase_of_the_second_order_is_within_what_a_fit_leaves_free(coulomb: float) -> None:
+    """Beside viscous friction the mean of 600 records shows it turned by 0.2 to 0.4 rad, as factors of N(0, 1) turn it.
+
+    These leave at most 8 % of what friction adds to the impedance; viscous friction alone leaves twice as much or more.
+    """
+    many = rubbing(coulomb, 600)
+    mean = estimate(many, EstimatorSpec(), LINES).G[:, 0, 0]
+    omega = 2 * np.pi * LINES * RATE / N
+    added = impedance(mean) - (VISCOUS + 1j * (J * omega - STIFFNESS / omega))
+    response = estimate(many[:6], EstimatorSpec(), LINES)
+    assert response.bias is not None
+    second, turned = (-1j * omega * each[0, :, 0, 0] / response.G[:, 0, 0] ** 2 for each in response.bias[:2])
+    rows = as_real(np.array([np.ones(len(LINES), complex), second, turned])).T
+    wanted = as_real(added[None])[0]
+    (viscous, size, turn), *_ = np.linalg.lstsq(rows, wanted)
+    assert size == pytest.approx(1.0, abs=0.35)
+    assert 0.5 < turn < 1.5
+    assert 0.2 < turn * TURNED_SHARE / size < 0.4
+    left = np.linalg.norm(wanted - rows @ [viscous, size, turn])
+    alone = np.linalg.norm(wanted - rows[:, 0] * (rows[:, 0] @ wanted) / (rows[:, 0] @ rows[:, 0]))
+    assert left < 0.08 * np.linalg.norm(wanted)
+    assert left < 0.5 * alone
+
+
+def test_without_friction_there_is_no_bias() -> None:
+    """Noise alone is no friction."""
+    assert estimate(rubbing(0.0, 6, noise=1e-5), EstimatorSpec(), LINES).bias is None
+
+
+def test_friction_far_below_the_noise_is_left_to_the_noise() -> None:
+    """Its second order would be smaller still."""
+    assert estimate(rubbing(0.02, 6, noise=1e-4), EstimatorSpec(), LINES).bias is None
+
+
+def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None:
+    """Distortion below the noise of each line stands out over all of them, and with it the size of the second order."""
+    records, rng = rubbing(1.6, 12), np.random.default_rng(1)
+    disturbed = [replace(one, u=one.u + 6 * rng.standard_normal(one.u.shape)) for one in records]
+    clean, noisy = (estimate(each, EstimatorSpec(), LINES) for each in (records, disturbed))
+    assert noisy.noise is not None
+    assert noisy.total is not None
+    assert np.median(noisy.total.variance) < 2 * np.median(noisy.noise.variance)
+    assert clean.bias is not None
+    assert noisy.bias is not None
+    ratio = np.linalg.norm(noisy.bias[0]) / np.linalg.norm(clean.bias[0])
+    assert ratio == pytest.approx(1.0, abs=0.5)

@@ -1,0 +1,117 @@
+"""A filter follows friction that warms up, through stops, with bands that hold it."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedJoint,
+    JointSamples,
+    KalmanFilter,
+    Track,
+    first_estimate,
+)
+from elastid.friction_study.innovations import consistency, estimate_noise, unknown, weakest_direction
+from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
+
+DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
+NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift=DRIFT)
+SETTLED_S = 10.0
+
+
+@pytest.fixture(scope="module")
+def kalman() -> KalmanFilter:
+    """The joint's filter, compiled once."""
+    return KalmanFilter(FOLLOWED, RATE_HZ)
+
+
+def followed(kalman: KalmanFilter, run: WarmRun, noise: FilterNoise = NOISE) -> Track:
+    """The track from rest."""
+    return kalman.run(run.samples, noise, first_estimate(kalman.joint, run.samples.angle[0]))
+
+
+def torque_error(track: Track, run: WarmRun) -> float:
+    """Of sliding friction after settling, relative."""
+    moves = (np.abs(run.velocity) > 5) & (np.arange(len(run.velocity)) > SETTLED_S * RATE_HZ)
+    true = run.coulomb * np.sign(run.velocity) + run.viscous * run.velocity
+    found = track.values("Fc") * np.sign(run.velocity) + track.values("f") * run.velocity
+    return float(np.sqrt(np.mean((found - true)[moves] ** 2) / np.mean(true[moves] ** 2)))
+
+
+def nees(track: Track, name: str, truth: FloatArray) -> float:
+    """Mean squared error of a logarithm over its variance, after settling."""
+    i = track.joint.states.index(name)
+    return float(np.mean((((track.x[:, i] - np.log(truth)) / track.std[:, i]) ** 2)[round(SETTLED_S * RATE_HZ) :]))
+
+
+def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) -> None:
+    """Torque within 0.4 %, NEES at most 1.2, NIS 0.9 to 1.1 at stops too."""
+    run = simulate(stops_and_moves(40), seed=1)
+    track = followed(kalman, run)
+    judged = consistency(track, SETTLED_S)
+    assert torque_error(track, run) < 0.004
+    assert nees(track, "Fc", run.coulomb) < 1.2
+    assert nees(track, "f", run.viscous) < 1.2
+    assert 0.9 < judged.nis < 1.1
+    assert judged.is_honest
+
+
+@pytest.mark.slow
+def test_a_bristle_taken_for_certain_is_seen_at_stops(kalman: KalmanFilter) -> None:
+    """Without the slip's noise the filter is many std off, and its innovations at stops say so."""
+    run = simulate(stops_and_moves(20), seed=1)
+    track = followed(kalman, run, FilterNoise(angle=NOISE.angle, torque=NOISE.torque, drift=DRIFT, slip=0.0))
+    judged = consistency(track, SETTLED_S)
+    assert nees(track, "Fc", run.coulomb) > 5
+    assert judged.nis_at_stops > 1.5
+    assert not judged.is_honest
+
+
+def test_pieces_of_a_log_give_the_track_of_the_whole(kalman: KalmanFilter) -> None:
+    """To the last bit, whatever the pieces."""
+    run = simulate(rich(2.5), seed=3)
+    whole = followed(kalman, run)
+    s = run.samples
+    cuts = [0, 700, 1700, 2500]
+    pieces = [JointSamples(s.torque[a:b], s.load[a:b], s.angle[a:b]) for a, b in pairwise(cuts)]
+    parts = list(kalman.stream(pieces, NOISE, first_estimate(FOLLOWED, s.angle[0])))
+    np.testing.assert_array_equal(np.concatenate([part.x for part in parts]), whole.x)
+
+
+def test_constant_speed_cannot_tell_friction_from_an_error_of_gravity(kalman: KalmanFilter) -> None:
+    """The weakest direction is named; reversals tell it."""
+    run = simulate(np.concatenate([np.linspace(0, 40, 500), np.full(7500, 40.0)]), seed=4)
+    track = followed(kalman, run)
+    first = first_estimate(FOLLOWED, 0.0)
+    prior = np.sqrt(np.diag(first.P))[-3:]
+    weakest = weakest_direction(track, prior)
+    assert weakest.words == "Fc against offset"
+    moving = followed(kalman, simulate(rich(8), seed=4))
+    assert weakest_direction(moving, prior).ratio < 0.3 * weakest.ratio
+    assert not unknown(moving, prior)[-1].any()
+
+
+@pytest.mark.slow
+def test_noise_is_found_from_innovations() -> None:
+    """Torque noise within 10 % from a guess of a third."""
+    kalman = KalmanFilter(FOLLOWED, RATE_HZ)
+    run = simulate(rich(8), seed=5)
+    start = first_estimate(FOLLOWED, run.samples.angle[0])
+    found = estimate_noise(kalman, run.samples, NOISE.scaled(torque=1 / 3), start, settled_s=2.0)
+    assert found.torque == pytest.approx(TORQUE_STD, rel=0.1)
+
+
+def test_samples_with_gaps_are_refused() -> None:
+    """By name."""
+    with pytest.raises(DataError, match="mend the gaps"):
+        JointSamples(np.array([0.0, np.nan]), np.zeros(2), np.zeros(2))
+
+
+def test_half_an_elastic_joint_is_refused() -> None:
+    """A spring needs both inertias."""
+    with pytest.raises(ValueError, match="both"):
+        FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)

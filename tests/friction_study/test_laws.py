@@ -1,0 +1,102 @@
+"""The law that levels tell, what they cannot tell, and the robot's file that holds it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from plants.published_friction import drawn, published_levels
+
+from elastid.base.errors import DataError, FitError
+from elastid.friction.robot_friction import frictions
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.levels import Levels
+from elastid.friction_study.spec import LawSpec
+from elastid.robot import Body, Joint, Motor, Robot
+
+
+def reasons(law: StaticLaw) -> dict[str, str]:
+    return {held.part: held.reason for held in law.held}
+
+
+def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
+    """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
+    levels = published_levels()
+    law = StaticLaw.of(drawn(levels, 0), LawSpec())
+    assert len(law.numbers) == 12
+    assert set(reasons(law)) == {"directions", "quadratic"}
+    for number in law.numbers:
+        assert number.low < number.value < number.high
+    motor = Motor(1e-3, 1.0, law.viscous, friction=law.to_friction())
+    (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
+    for i in range(0, levels.n_levels, 17):
+        v = float(levels.speed[i])
+        curve = placed.symbols(list(ca.vertsplit(ca.SX(placed.curve(levels.load[i], levels.temperature[i])))))
+        simulated = float(ca.DM(curve.level(v))) + float(ca.DM(curve.growing(v))) + law.viscous * v
+        assert simulated == pytest.approx(law.fit.torque(levels.conditions)[i], rel=1e-9)
+        assert simulated == pytest.approx(levels.torque[i], rel=0.02)
+    assert law.measured.speed == pytest.approx((1.0, 280.0))
+
+
+@pytest.mark.parametrize(
+    ("conditions", "part", "word"),
+    [
+        ({"temperatures": (48.0,)}, "temperature", "one temperature; measure cold and warm"),
+        ({"temperatures": (48.0, 49.0)}, "temperature", "one temperature"),
+        ({"loads": (0.3,)}, "load", "one load; measure in another posture or with a payload"),
+        ({"loads": (0.0, 1.0)}, "load", "2 loads; a Stribeck velocity of the load's own needs three"),
+        ({"temperatures": (33.0, 74.0)}, "temperature", "2 temperatures; an exponential decay needs three"),
+        ({"speeds": (60.0, 100.0, 280.0)}, "stribeck", "3 speeds; a Stribeck curve beside viscous friction needs 5"),
+    ],
+)
+def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(
+    conditions: dict[str, tuple[float, ...]], part: str, word: str
+) -> None:
+    law = StaticLaw.of(drawn(published_levels(**conditions), 3), LawSpec())
+    assert word in reasons(law)[part]
+
+
+def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity() -> None:
+    """nu_s is 34 rad/s at 60 degC."""
+    law = StaticLaw.of(drawn(published_levels(tuple(np.geomspace(25, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
+    assert not {"stiction", "stribeck_velocity"} & set(law.names)
+    assert "stribeck" in reasons(law)
+    told = StaticLaw.of(drawn(published_levels(tuple(np.geomspace(2, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
+    assert told.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
+
+
+def plain(n: int = 12, uneven: float = 0.0) -> Levels:
+    """Coulomb 20 N and viscous friction 200 N s/m of a slide, both directions, the second uneven."""
+    v = np.tile(np.linspace(0.02, 0.12, n), 2)
+    s = np.repeat([1.0, -1.0], n)
+    torque = 20 + (200 - uneven * s) * v
+    return Levels("joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True)
+
+
+@pytest.mark.slow
+def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
+    """Of 100 even axes at most 5 are called uneven (1 % is stated); a slope 20 % apart is found, in N s/m."""
+    uneven = sum("directions.viscous" in StaticLaw.of(drawn(plain(), seed), LawSpec()).names for seed in range(100))
+    assert uneven <= 5
+    law = StaticLaw.of(drawn(plain(uneven=37.0), 1), LawSpec())
+    assert law.values["directions.viscous"] == pytest.approx(-37.0, abs=3 * 1.3)
+    assert {n.name: n.unit for n in law.numbers}["directions.viscous"] == "N*s/m"
+    assert "stiction" not in law.names
+
+
+def test_a_part_that_is_asked_for_and_cannot_be_told_is_an_error() -> None:
+    with pytest.raises(FitError, match=r"law.temperature cannot be identified: one temperature"):
+        StaticLaw.of(plain(), LawSpec(temperature="yes"))
+    without = StaticLaw.of(drawn(published_levels(), 0), LawSpec(load="no"))
+    assert not any(name.startswith("load") for name in without.names)
+
+
+def test_friction_that_drives_is_refused() -> None:
+    """Torque and velocity of opposite signs."""
+    with pytest.raises(DataError, match=r"friction drives at every speed .* turn one channel"):
+        replace(plain(), torque=-plain().torque)
+    with pytest.raises(DataError, match="std of level 0 is nan"):
+        replace(plain(), std=np.full(24, math.nan))

@@ -1,0 +1,104 @@
+"""Inertia and friction of one axis from any motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from elastid.base.errors import DataError
+from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.plateaus import distinct_speeds
+
+RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
+J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
+
+
+def swing(
+    seed: int = 0, uneven: float = 0.0, noise: float = 1.0, gravity: float = 1.0, seconds: float = 40.0
+) -> Motion:
+    """An axis under gravity in a motion of three sines, with torque noise that is correlated over 0.1 s."""
+    rng, rate = np.random.default_rng(seed), 500.0
+    t = np.arange(round(seconds * rate)) / rate
+    waves = [(0.6, 0.25, 0.3), (0.25, 0.7, 1.0), (0.08, 1.9, 2.0)]
+    phases = [(a, 2 * np.pi * f, p + rng.uniform(0, 6)) for a, f, p in waves]
+    q = sum(a * np.sin(w * t + p) for a, w, p in phases)
+    v = sum(a * w * np.cos(w * t + p) for a, w, p in phases)
+    acceleration = sum(-a * w**2 * np.sin(w * t + p) for a, w, p in phases)
+    slow = np.convolve(rng.standard_normal(len(t)), np.exp(-np.arange(200) / 50), "same") / 5
+    friction = (F_C + VISCOUS * np.abs(v)) * np.sign(v) + uneven * np.abs(v)
+    u = J * acceleration + friction + gravity * (COS * np.cos(q) + SIN * np.sin(q)) + noise * slow
+    q = np.round(np.asarray(q) / 2e-5) * 2e-5
+    return Motion("joint 1", rate, q, u, turns_against_gravity=True)
+
+
+def test_inertia_friction_and_gravity_are_found_and_covered() -> None:
+    """30 logs with noise correlated over 0.1 s: unbiased, and 95 % intervals hold the truth."""
+    truth = {"inertia": J, "coulomb": F_C, "viscous": VISCOUS, "gravity.cos": COS, "gravity.sin": SIN}
+    found = [regress_motion(swing(seed)).alike for seed in range(30)]
+    held = []
+    for name, value in truth.items():
+        error = np.array([fit[name] - value for fit in found])
+        assert abs(error.mean()) < 3 * error.std() / np.sqrt(len(found))
+        held += [abs(fit[name] - value) < 1.96 * fit.std(name) for fit in found]
+    assert np.mean(held) >= 0.9
+    white = [fit.std("viscous") for fit in (regress_motion(swing(0, noise=0.0)).alike, found[0])]
+    assert white[0] < white[1]
+
+
+def test_directions_are_told_apart_only_where_they_are() -> None:
+    assert not any(regress_motion(swing(seed)).are_apart for seed in range(10))
+    fit = regress_motion(swing(1, uneven=6.0))
+    assert fit.are_apart
+    assert fit.apart["directions.viscous"] == pytest.approx(6.0, rel=0.1)
+    assert fit.unit("directions.viscous") == "N*m*s/rad"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        (lambda m: replace(m, position=m.position[:200], torque=m.torque[:200]), "are too short for a passband"),
+        (lambda m: replace(m, torque=-m.torque), "friction drives .* turn one channel"),
+        (lambda m: replace(m, position=np.abs(np.cumsum(np.abs(m.position)))), "hardly moves backwards"),
+        (lambda m: replace(m, rate_hz=50.0), "needs a rate above 80 Hz"),
+    ],
+)
+def test_motions_that_tell_nothing_are_refused(wrong, word: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(DataError, match=word):
+        regress_motion(wrong(swing()))
+
+
+@pytest.fixture(scope="module")
+def axis() -> MotionFriction:
+    """The prismatic axis."""
+    if not RECORD.is_file():
+        pytest.skip("the record of the prismatic axis is in ../shared, which is not here")
+    data = loadmat(RECORD)
+    return regress_motion(Motion("joint 1", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True))
+
+
+def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction) -> None:
+    """Janot, Gautier and Brunot (2019): 95.11 kg, 203.50 N s/m, 20.39 N, -3.16 N with both directions alike."""
+    alike, apart = axis.alike, axis.apart
+    assert alike["inertia"] == pytest.approx(95.11, abs=0.3)
+    assert alike["viscous"] == pytest.approx(203.5, abs=1.0)
+    assert alike["coulomb"] == pytest.approx(20.39, abs=0.1)
+    assert alike["offset"] == pytest.approx(-3.16, abs=0.1)
+    assert axis.are_apart
+    assert apart["inertia"] == pytest.approx(95.1, abs=0.3)
+    slopes = [apart["viscous"] + s * apart["directions.viscous"] for s in (1, -1)]
+    levels = [apart["coulomb"] + s * apart["directions.coulomb"] for s in (1, -1)]
+    assert slopes == pytest.approx([166, 240], abs=1.5)
+    assert levels == pytest.approx([20.2, 20.7], abs=0.1)
+    assert apart.relative_error < 0.025
+    assert alike.relative_error > 0.035
+
+
+def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
+    """Three speeds are dwelt at."""
+    assert distinct_speeds(axis.plateaus) == pytest.approx([0.042, 0.083, 0.125], rel=0.02)
+    reason = next(held.reason for held in axis.held if held.part == "stribeck")
+    assert reason.startswith("the motion dwells at 3 speeds (0.0421, 0.0826, 0.125 m/s)")

@@ -1,0 +1,149 @@
+"""Faults of passes are said with their numbers, and clean passes have none.
+
+Friction that changes with the angle is said, and noise, ripple and gravity are not taken for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.friction_logs import INERTIA, RATIO, ROBOT
+
+from elastid.base.errors import DataError
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.joint_levels import check_sides, joint_inertia
+from elastid.friction_study.levels import PassLevels, find_levels
+from elastid.friction_study.pass_checks import angle_note, check_counts, check_loads
+from elastid.friction_study.passes import Pass
+
+RATE, N = 200.0, 400
+
+
+def passes(
+    speeds: Sequence[float], seed: int = 0, gravity: float = 20.0, uneven: float = 0.0, offset: Sequence[float] = ()
+) -> list[Pass]:
+    """There and back at each speed about a horizontal arm: Coulomb 10 Nm, viscous 5 Nms/rad, noise 0.3 Nm."""
+    rng, found = np.random.default_rng(seed), []
+    for k, speed in enumerate(speeds):
+        for s in (1.0, -1.0):
+            q = s * (np.arange(N) / N - 0.5) * 0.4
+            v = np.full(N, s * speed)
+            u = s * (10 + 5 * speed) + uneven * speed + gravity * np.cos(q) + 0.3 * rng.standard_normal(N)
+            u = u + (offset[k] if offset else 0.0)
+            found.append(Pass("joint 1", f"p{k}", RATE, q, v, np.zeros(N), u))
+    return found
+
+
+def codes(levels: PassLevels) -> list[str]:
+    return [note.code for note in levels.notes]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0, 100), st.sampled_from([0.0, 3.0]))
+def test_clean_passes_raise_no_alarm(seed: int, gravity: float, uneven: float) -> None:
+    """Whatever gravity, and friction that differs between the directions."""
+    speeds = np.random.default_rng(seed).permutation(np.geomspace(0.05, 2.0, 8))
+    assert codes(find_levels(passes(speeds.tolist(), seed, gravity, uneven), True)) == []
+
+
+def test_a_controller_that_was_moved_between_passes_is_said() -> None:
+    speeds = [0.1, 0.5, 0.2, 1.0, 0.3, 0.7, 0.15, 1.5]
+    levels = find_levels(passes(speeds, offset=[0] * 5 + [4] * 3), True)
+    assert codes(levels) == ["moved-offset"]
+    assert "their offset jumps by " in str(levels.notes[0])
+    assert "between pass p4 and pass p5" in str(levels.notes[0])
+
+
+def test_gravity_that_hides_friction_is_said() -> None:
+    levels = find_levels(passes([0.1, 0.3, 1.0], gravity=2000.0), True)
+    assert "large-gravity" in codes(levels)
+    assert "times friction" in str(levels.notes[-1])
+
+
+def test_a_clipped_pass_does_not_count() -> None:
+    clean = passes([0.1, 0.5, 1.0])
+    limit = float(np.quantile(clean[4].torque, 0.8))
+    spoilt = [replace(each, torque=np.minimum(each.torque, limit)) for each in clean]
+    levels = find_levels(spoilt, True)
+    assert codes(levels) == ["clipped-pass"]
+    assert "of its torques stand at the limit of" in str(levels.notes[0])
+    assert levels.levels.speed == pytest.approx([0.1, 0.5])
+
+
+def test_a_load_that_is_the_torque_itself_is_refused() -> None:
+    clean = passes([0.1, 0.5, 1.0])
+    with pytest.raises(DataError, match=r"the load of each equals its own torque .* friction would explain itself"):
+        find_levels([replace(each, load=abs(float(each.torque.mean()))) for each in clean], True)
+    check_loads([replace(each, load=20.0) for each in clean])
+
+
+@pytest.mark.parametrize(
+    ("factor", "word"),
+    [
+        (1 / RATIO, r"either torque or angle is of the motor: give the channel side: motor"),
+        (1 / RATIO**2, r"torque and angle are of the motor"),
+        (RATIO, r"of the joint, but marked side: motor"),
+    ],
+)
+def test_mixed_sides_of_a_gear_are_refused(factor: float, word: str) -> None:
+    (joint,) = ROBOT.joints
+    with pytest.raises(DataError, match=word):
+        check_sides(ROBOT, joint, INERTIA * factor, 1e-3 * INERTIA * factor, None, "log.csv")
+
+
+def test_inertias_that_are_roughly_right_or_not_known_are_not_refused() -> None:
+    (joint,) = ROBOT.joints
+    assert joint_inertia(ROBOT, joint, None) == pytest.approx(INERTIA)
+    for inertia, std in ((0.5 * INERTIA, 0.1), (3 * INERTIA, 0.1), (INERTIA / RATIO, INERTIA), (-1.0, 0.1)):
+        check_sides(ROBOT, joint, inertia, std, None, "log.csv")
+
+
+def loops(amplitudes: Sequence[float]) -> FrictionRecord:
+    """Loops of 1 Hz before sliding, an encoder of 1e-5 rad."""
+    t = np.arange(200) / 200
+    wave = np.concatenate([a * np.sin(2 * np.pi * t) for a in amplitudes])
+    return FrictionRecord("loops", "1", "loops", 200.0, np.round(wave / 1e-5) * 1e-5, 1e5 * wave, resolution=1e-5)
+
+
+def test_loops_below_three_counts_are_said_or_refused() -> None:
+    assert check_counts(loops([5e-5, 1e-4, 2e-4])) == ()
+    (note,) = check_counts(loops([2e-5, 1e-4, 2e-4, 4e-4]))
+    assert note.code == "small-loops"
+    assert "move by less than 3 counts of the encoder (1e-05 rad each" in note.text
+    with pytest.raises(DataError, match=r"stiffness before sliding cannot be seen in steps"):
+        check_counts(loops([1e-5, 1e-5, 2e-5, 1e-4]))
+
+
+def passes_by_angle(depth: float, seed: int, noise: float = 0.3) -> list[Pass]:
+    """Eight speeds over 1 rad, friction of about 10 Nm under 40 Nm of gravity and ripple."""
+    rng, rate, found = np.random.default_rng(seed), 250.0, []
+    for v in np.geomspace(0.1, 1.0, 8):
+        t = np.arange(int(rate / v)) / rate
+        for s in (1.0, -1.0):
+            q = s * (v * t - 0.5)
+            friction = (9.0 + 2.0 * v) * (1 + depth * np.cos(6 * q))
+            u = s * friction + 40 * np.sin(q) + 0.5 * np.cos(60 * q) + noise * rng.standard_normal(len(t))
+            found.append(Pass("joint 1", f"{v:.3f}", rate, q, np.full(len(t), s * v), np.zeros(len(t)), u))
+    return found
+
+
+def test_a_tenth_of_friction_is_said_and_half_a_percent_is_not() -> None:
+    note = angle_note(passes_by_angle(0.1, 1), 0.0)
+    assert note is not None
+    assert "friction changes by" in str(note)
+    assert angle_note(passes_by_angle(0.005, 1), 0.0) is None
+
+
+@pytest.mark.parametrize("noise", [0.05, 1.0])
+def test_friction_that_does_not_change_is_not_said_to(noise: float) -> None:
+    """Fifty sets of passes under gravity, ripple and noise: no note."""
+    assert not any(angle_note(passes_by_angle(0.0, seed, noise), 0.0) for seed in range(50))
+
+
+def test_too_few_pairs_say_nothing() -> None:
+    assert angle_note(passes_by_angle(0.3, 0)[:6], 0.0) is None

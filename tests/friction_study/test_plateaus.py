@@ -1,0 +1,86 @@
+"""Passes that any motion holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.levels import find_levels
+from elastid.friction_study.passes import passes_of
+from elastid.friction_study.plateaus import detect_passes, lone_plateaus
+
+SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)
+
+
+def record(q: FloatArray, **changes: Any) -> FrictionRecord:
+    """A log with a 16-bit encoder on the motor."""
+    count = 2 * np.pi / RATIO / 65536
+    return FrictionRecord("log", "1", "motion", RATE, np.round(q / count) * count, sliding_torque(q), **changes)
+
+
+def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
+    """Five speeds there and back under gravity of 2.5 times friction: levels within 0.2 %."""
+    found = detect_passes(record(trapezoids(SPEEDS)), True)
+    assert [each.speed for each in found] == pytest.approx(SPEEDS, rel=0.01)
+    assert [each.name for each in found] == [f"log-{number}" for number in range(1, 6)]
+    levels = find_levels([one for each in found for one in passes_of(each)], True, 2 * np.pi / RATIO)
+    assert levels.levels.torque == pytest.approx(COULOMB + VISCOUS * levels.levels.speed, rel=2e-3)
+    assert levels.notes == ()
+
+
+def test_a_log_of_one_speed_gives_its_own_passes_alone() -> None:
+    found = detect_passes(record(trapezoids((0.2, 0.5, 0.2)), speed=0.2), True)
+    assert [each.speed for each in found] == pytest.approx([0.2, 0.2], rel=0.01)
+
+
+def test_a_motion_without_plateaus_has_no_passes() -> None:
+    t = np.arange(5000) / RATE
+    assert detect_passes(record(0.5 * np.sin(2 * np.pi * 0.4 * t)), True) == ()
+
+
+@pytest.mark.parametrize(
+    ("position", "word"),
+    [
+        (trapezoids((0.5,), travel=0.05), r"no plateau was found .* window is too short for ramps"),
+        (trapezoids((0.5,))[: round(2.1 * RATE)], "positive velocity only; .* record both directions"),
+    ],
+)
+def test_a_log_without_its_pass_is_refused(position: FloatArray, word: str) -> None:
+    with pytest.raises(DataError, match=word):
+        detect_passes(record(position, speed=0.5), True)
+
+
+def test_a_speed_in_one_direction_only_is_said() -> None:
+    """There at 0.5 rad/s, back at 0.2 rad/s."""
+    there, back = trapezoids((0.5,)), trapezoids((0.2,))
+    n = len(there) // 2
+    turned = np.concatenate([there[:n], there[n - 1] - back[: len(back) // 2]])
+    one = record(turned)
+    (note,) = lone_plateaus(one, detect_passes(one, True))
+    assert (note.code, note.severity) == ("one-direction", "information")
+    assert "at 0.2, 0.5 rad/s without the way back" in note.text
+
+
+def test_the_signals_of_a_pass_are_those_of_its_log() -> None:
+    one = record(trapezoids((0.5,)), temperature=np.full(len(trapezoids((0.5,))), 40.0), start_s=100.0)
+    (found,) = detect_passes(one, True)
+    start = round((found.start_s - 100.0) * RATE)
+    np.testing.assert_array_equal(found.torque, one.torque[start : start + len(found.torque)])
+    assert found.mean_temperature == 40.0
+    assert replace(found, notes=()).purpose == "passes"
+
+
+def test_without_gravity_there_and_back_need_no_common_positions() -> None:
+    """There at 0.5 rad/s in the first half of the travel, back at that speed in its second half."""
+    speeds = np.repeat([0.0, 0.5, 0.25, 0.0, -0.5, -0.25, 0.0], [100, 400, 800, 200, 400, 800, 100])
+    q = np.cumsum(np.convolve(speeds, np.hanning(100) / np.hanning(100).sum(), "same")) / RATE
+    found = detect_passes(record(q), has_gravity=False)
+    assert [each.speed for each in found] == pytest.approx([0.5, 0.25], rel=0.01)
+    assert detect_passes(record(q), has_gravity=True) == ()

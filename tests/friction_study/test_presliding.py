@@ -1,0 +1,114 @@
+"""Presliding friction by Maxwell slip elements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.friction.dynamic import Bristle
+from elastid.friction.law import Curve
+from elastid.friction_study.presliding import Elements, Loops, fit_presliding, operators
+
+RATE, COUNT = 200.0, 2 * np.pi / 2**16
+# Ten elements, 790 Nm/rad, break-away 1.6 Nm.
+THRESHOLDS = np.geomspace(6e-4, 8e-3, 10)
+STIFFNESS = 1.6 / 10 / THRESHOLDS * 790 / np.sum(1.6 / 10 / THRESHOLDS)
+TRUTH = Elements(STIFFNESS, THRESHOLDS * 1.6 / float(STIFFNESS @ THRESHOLDS), 0.0, 0.0)
+REACH = 0.012
+
+
+def growing(seconds: float = 40.0) -> FloatArray:
+    """Loops of 0.5 Hz that grow from 2 to 100 % of the reach."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    return np.asarray(REACH * np.clip(0.02 + 0.98 * t / seconds, 0, 1) * np.sin(2 * np.pi * 0.5 * t))
+
+
+def minor_loops() -> FloatArray:
+    """Loops in loops, not seen by the fit."""
+    t = np.arange(round(20 * RATE)) / RATE
+    return np.asarray(REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1)))
+
+
+def log(seed: int, noise: float = 0.02, counts: float = COUNT) -> Loops:
+    """Measured with torque noise and an encoder."""
+    q = growing()
+    torque = TRUTH.torque(q) + 0.1 + noise * np.random.default_rng(seed).standard_normal(len(q))
+    return Loops("motor 1", RATE, np.round(q / counts) * counts, torque, 0.5, counts, 200)
+
+
+def error(found: Elements) -> float:
+    """Rms on the unseen loops, in parts of break-away, after the first half loop."""
+    q = minor_loops()
+    missed = found.torque(q) - found.offset - TRUTH.torque(q)
+    return float(np.sqrt(np.mean(missed[400:] ** 2))) / 1.6
+
+
+def test_many_thresholds_predict_unseen_minor_loops_to_three_thousandths() -> None:
+    """16 bit, 0.02 Nm of noise; with counts twice as wide no worse."""
+    found = fit_presliding(log(0))
+    assert error(found.spectrum) < 0.003
+    assert error(fit_presliding(log(1, counts=2e-4), elements=4).spectrum) < 0.003
+    assert found.spectrum.break_away == pytest.approx(1.6, rel=0.01)
+    assert found.spectrum.offset == pytest.approx(0.1, abs=0.01)
+
+
+def test_few_elements_are_chosen_and_nearly_as_good() -> None:
+    found = fit_presliding(log(1))
+    used = int(np.sum(found.few.stiffness > 0))
+    assert 3 <= used <= 8
+    assert error(found.few) < 0.025
+    assert found.errors[0] > 3 * found.errors[used - 1]
+
+
+def test_one_bristle_is_one_element() -> None:
+    """A single stop operator: thresholds elsewhere get nothing, and one element is enough."""
+    one = Elements(np.array([300.0]), np.array([4e-3]), 0.0, 0.0)
+    q = growing()
+    torque = one.torque(q) + 0.01 * np.random.default_rng(0).standard_normal(len(q))
+    found = fit_presliding(Loops("motor 1", RATE, q, torque, 0.5, 0.0, 200))
+    assert len(found.few.stiffness) == 1
+    assert found.few.stiffness[0] == pytest.approx(300, rel=0.01)
+    assert found.few.threshold[0] == pytest.approx(4e-3, rel=0.01)
+
+
+def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
+    slip = TRUTH.to_maxwell_slip()
+    assert sum(slip.shares) == pytest.approx(1.0)
+    assert sum(slip.stiffness) == pytest.approx(float(STIFFNESS.sum()))
+    levels = np.array(slip.shares) * 1.6 / np.array(slip.stiffness)
+    np.testing.assert_allclose(levels, TRUTH.threshold)
+
+
+def test_operators_are_those_of_a_loop() -> None:
+    """Clipped sums of the steps, one element and sample at a time."""
+    q = growing(4.0)
+    states = operators(q, np.array([1e-3, 5e-3]))
+    for j, D in enumerate((1e-3, 5e-3)):
+        s = 0.0
+        for k in range(1, len(q)):
+            s = min(max(s + q[k] - q[k - 1], -D), D)
+            assert states[k, j] == pytest.approx(s, abs=1e-12)
+
+
+def test_loops_of_a_few_counts_are_refused() -> None:
+    loops = log(0)
+    with pytest.raises(DataError, match=r"counts of its encoder; .* raise the torque of the loops"):
+        fit_presliding(replace(loops, resolution=5e-3))
+
+
+def test_a_dahl_bristle_is_no_single_element() -> None:
+    """It bends exponentially: of it, one stop operator leaves several percent and few elements less."""
+    import casadi as ca
+
+    z, v = ca.SX.sym("z"), ca.SX.sym("v")
+    law, curve = Bristle(800.0), Curve(1.6, 1.6, 0.0)
+    after = law.advanced(v, z, curve, 1 / RATE)
+    walk = ca.Function("f", [z, v], [after, law.torque(v, after, curve)]).mapaccum("walk", len(growing()))
+    q = growing()
+    _, torque = walk(0.0, np.append(0.0, np.diff(q))[None] * RATE)
+    found = fit_presliding(Loops("motor 1", RATE, q, torque.full()[0], 0.5, 0.0, 200))
+    assert found.errors[0] > 2 * found.errors[-1]

@@ -1,0 +1,138 @@
+"""The temperature of a joint from its power, and friction that follows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import published_friction
+from scipy.integrate import solve_ivp
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.friction_study.plateaus import alike_speeds
+from elastid.friction_study.warm_up import WarmUp, fit_warm_up
+
+# 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.
+H, TIME_CONSTANT, AMBIENT = 8.0, 45 * 60.0, 34.0
+SPEEDS = (8.0, 60.0, 200.0)
+
+
+def level_of(speed: FloatArray, T: FloatArray) -> FloatArray:
+    """At no load."""
+    return 26 * published_friction.torque(np.asarray(speed), np.zeros_like(speed), np.asarray(T))
+
+
+def power_at(t: float) -> float:
+    """An hour and a half of work, half an hour of pause, then work at other powers."""
+    minutes = t / 60
+    return 240.0 if minutes < 90 else 0.0 if minutes < 120 else 160.0 if minutes < 180 else 300.0
+
+
+def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True, hours: float = 4.0) -> WarmUp:
+    """Tests at three speeds every 5 minutes, 0.02 Nm a level, thermometer 0.5 K; temperatures by another integrator."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0, hours * 3600 + 1, 60.0)
+    constants = np.array([TIME_CONSTANT, 5 * 60.0])
+    shares = np.array([1 - second_share, second_share])
+
+    def rates(t: float, theta: FloatArray) -> FloatArray:
+        return np.asarray((power_at(t) - theta) / constants)
+
+    theta = solve_ivp(rates, (0, time_s[-1]), [0.0, 0.0], t_eval=time_s, max_step=30.0, rtol=1e-8).y
+    T = AMBIENT + shares @ theta / H
+    tests = np.repeat(np.arange(0, len(time_s), 5), len(SPEEDS))
+    speeds = np.tile(SPEEDS, len(tests) // len(SPEEDS))
+    levels = level_of(speeds, T[tests]) + 0.02 * rng.standard_normal(len(tests))
+    power = np.array([power_at(t + 30) for t in time_s[:-1]])
+    readings = T + 0.5 * rng.standard_normal(len(T)) if thermometer else np.full(len(T), np.nan)
+    std = np.full(len(tests), 0.02)
+    return WarmUp(time_s, power, AMBIENT, AMBIENT, readings, 0.5, tests, speeds, levels, std)
+
+
+def halves(whole: WarmUp) -> tuple[WarmUp, FloatArray]:
+    """The first half alone, and which tests are in the second."""
+    n = len(whole.power) // 2
+    early = whole.test <= n
+    first = replace(
+        whole, time_s=whole.time_s[: n + 1], power=whole.power[:n], readings=whole.readings[: n + 1],
+        test=whole.test[early], test_speed=whole.test_speed[early], level=whole.level[early],
+        level_std=whole.level_std[early],
+    )  # fmt: skip
+    return first, ~early
+
+
+@pytest.mark.parametrize(
+    ("thermometer", "law", "limit"),
+    [(True, level_of, 0.005), (True, None, 0.005), (False, level_of, 0.005), (False, None, 0.02)],
+    ids=["both", "thermometer", "friction with a known law", "friction alone, relative"],
+)
+def test_the_second_half_of_four_hours_is_predicted(
+    thermometer: bool, law: Callable[[FloatArray, FloatArray], FloatArray] | None, limit: float
+) -> None:
+    """Rms error of the levels over their size, where a friction without temperature is 28 % off."""
+    whole = campaign(0, thermometer=thermometer)
+    first, late = halves(whole)
+    model = fit_warm_up(first, law)
+    truth = level_of(whole.test_speed, true_temperature()[whole.tests])[late]
+    found = model.levels(whole, level_of if model.scale == "kelvin" else None)[late]
+    assert np.sqrt(np.mean((found / truth - 1) ** 2)) < limit
+    cold = level_of(whole.test_speed, np.full(len(whole.test), AMBIENT))[late]
+    assert np.sqrt(np.mean((cold / truth - 1) ** 2)) > 0.15
+    assert model.time_constants[0] == pytest.approx(TIME_CONSTANT, rel=0.1)
+    if model.scale == "kelvin":
+        assert model.h == pytest.approx(H, rel=0.05)
+    else:
+        assert np.isnan(model.h)
+
+
+def true_temperature() -> FloatArray:
+    """Closed form over steps of constant power."""
+    T = [AMBIENT]
+    for k in range(240):
+        end = AMBIENT + power_at(60.0 * k + 30) / H
+        T.append(end + (T[-1] - end) * np.exp(-60.0 / TIME_CONSTANT))
+    return np.array(T)
+
+
+def test_a_second_node_is_taken_only_where_there_is_one() -> None:
+    one = [fit_warm_up(campaign(seed), level_of) for seed in range(8)]
+    assert sum(len(model.time_constants) == 2 for model in one) <= 1
+    two = fit_warm_up(campaign(1, second_share=0.3), level_of)
+    assert sorted(two.time_constants) == pytest.approx([300.0, TIME_CONSTANT], rel=0.15)
+    assert two.h == pytest.approx(H, rel=0.03)
+
+
+def test_stated_std_is_the_scatter() -> None:
+    """ln h and ln C / h over 12 campaigns."""
+    models = [fit_warm_up(campaign(seed, thermometer=False), level_of) for seed in range(12)]
+    single = [model for model in models if len(model.time_constants) == 1]
+    scatter = np.std([[np.log(m.h), np.log(m.time_constants[0])] for m in single], axis=0, ddof=1)
+    stated = np.mean([m.log_std[:2] for m in single], axis=0)
+    assert np.all(scatter / stated > 0.5)
+    assert np.all(scatter / stated < 1.7)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        (lambda w: replace(w, power=-w.power), "nowhere positive"),
+        (lambda w: replace(w, time_s=w.time_s[::-1]), "times do not increase"),
+        (
+            lambda w: replace(
+                w, readings=np.full(len(w.readings), np.nan), test=[], test_speed=[], level=[], level_std=[]
+            ),
+            "neither a thermometer nor test passes",
+        ),
+    ],
+)
+def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp], word: str) -> None:
+    with pytest.raises(DataError, match=word):
+        fit_warm_up(wrong(campaign(0)), level_of)
+
+
+def test_tests_at_nearly_one_speed_are_at_one() -> None:
+    """Measured speeds differ a little from pass to pass."""
+    np.testing.assert_allclose(alike_speeds(np.array([1.0, 0.2, 1.02, 0.2])), [1.01, 0.2, 1.01, 0.2])

@@ -1,0 +1,119 @@
+"""The levels of shapes that fit alike are uncertain by the choice between them.
+
+Signs turn over the speed that friction has, not over one of those that are tried.
+"""
+
+import numpy as np
+import pytest
+
+from elastid.nonlinear.choice import Choice, neighbours_of, refined
+from elastid.nonlinear.levels import NormalEquations
+from elastid.nonlinear.shapes import Shape
+
+CHOSEN, EVERY = np.array([0]), np.arange(3)
+F_C = 9.0
+
+
+def sums(X: np.ndarray, e: np.ndarray) -> NormalEquations:
+    """The sums of a regression of e (n,) on shapes X (3, n), complex, of variance 1, as one fold."""
+    A, b = (X.conj() @ X.T).real, (X.conj() @ e).real
+    return NormalEquations(A[None], b[None], np.array([[np.sum(np.abs(e) ** 2)]]), np.zeros((1, 1)), 1.0)
+
+
+def shapes(alike: float, rng: np.random.Generator) -> np.ndarray:
+    """Three shapes (3, 400): the second as the first but for a part, the third like neither."""
+    X = (rng.standard_normal((3, 400)) + 1j * rng.standard_normal((3, 400))) / 10
+    X[1] = X[0] + alike * X[1]
+    return X
+
+
+def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C, 0.0, 0.0)) -> NormalEquations:
+    rng = np.random.default_rng(seed)
+    X = shapes(alike, rng)
+    noise = (rng.standard_normal(400) + 1j * rng.standard_normal(400)) / np.sqrt(2)
+    return sums(X, np.array(truth) @ X + noise)
+
+
+def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
+    """Of two shapes that differ by a part of 0.001 one or the other has it all; the third has none of it."""
+    found = neighbours_of(regression(1e-3, 0), CHOSEN, EVERY)
+    np.testing.assert_array_equal(found.shapes, [0, 1])
+    std = np.sqrt(np.diag(found.covariance))
+    assert np.all(std > 0.5 * F_C)
+    ones = np.ones(2)
+    assert ones @ found.covariance @ ones < 0.01 * F_C**2
+
+
+def test_a_choice_without_alternatives_adds_nothing() -> None:
+    """Shapes that differ are distinguished."""
+    found = neighbours_of(regression(1.0, 0), CHOSEN, EVERY)
+    np.testing.assert_array_equal(found.shapes, CHOSEN)
+    assert found.covariance[0, 0] == 0
+
+
+def test_the_covariance_covers_what_other_data_would_choose() -> None:
+    """Where two shapes share the friction and one is chosen, the sum is within its deviation in most data."""
+    truth = (0.5 * F_C, 0.5 * F_C, 0.0)
+    ratios = []
+    for seed in range(40):
+        equations = regression(0.25, seed, truth)
+        found = neighbours_of(equations, CHOSEN, EVERY)
+        alone = equations.b[0, 0] / equations.A[0, 0, 0]
+        variance = found.covariance.sum() + 0.5 / equations.A[0, 0, 0]
+        ratios.append((alone - F_C) / np.sqrt(variance))
+    assert np.mean(np.abs(ratios) < 1.96) > 0.85
+    assert np.std(ratios) > 0.4
+
+
+def test_nothing_chosen_has_no_alternatives() -> None:
+    """Of a motor that keeps its friction."""
+    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY).shapes) == 0
+
+
+PLACES = ("motor 1", "motor 2")
+
+
+def choice_of(shapes: list[Shape], taken: list[int]) -> Choice:
+    """A choice whose covariance tells its shapes apart: i + 1 on the diagonal."""
+    motor_of = np.array([PLACES.index(shape.place) for shape in shapes])
+    return Choice(tuple(shapes), motor_of, np.ones(2), np.array(taken), np.diag(np.arange(len(shapes)) + 1.0))
+
+
+def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
+    """tanh(v / 1e-3), tried at 0.93e-3 and 1.87e-3: in sliding, these two fitted are off, the close ones by less
+    than a quarter of that."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    truth = 90 * np.tanh(v / 1e-3)
+
+    def fitted(shapes: list[Shape]) -> np.ndarray:
+        return np.linalg.lstsq(np.stack([shape.sliding(v) for shape in shapes], axis=1), truth)[0]
+
+    tried = [Shape("motor 1", "sign", 0.93e-3), Shape("motor 1", "sign", 1.87e-3)]
+    levels = fitted(tried)
+    near = refined(choice_of(tried, [0, 1]), levels, PLACES)
+    assert near.taken.tolist() == [0, 1]
+    assert abs(levels.sum() - 90) > 4 * abs(fitted(list(near.shapes)).sum() - 90)
+
+
+def test_bristles_and_other_motors_stay_as_they_are() -> None:
+    """With the covariance of the choice between them; a sign that was not taken out goes with those that were."""
+    shapes = [
+        Shape("motor 1", "sign", 1e-3),
+        Shape("motor 1", "sign", 2e-3),
+        Shape("motor 1", "bristle", 3e-4),
+        Shape("motor 2", "sign", 0.0),
+    ]
+    found = refined(choice_of(shapes, [0, 2, 3]), np.array([5.0, 0.0, 1.0, 2.0]), PLACES)
+    assert [shape.kind for shape in found.shapes] == ["sign", "sign", "bristle", "sign"]
+    assert found.shapes[2:] == (shapes[2], shapes[3])
+    assert found.taken.tolist() == [0, 1, 2, 3]
+    assert np.diag(found.covariance).tolist() == [0.0, 0.0, 3.0, 4.0]
+    np.testing.assert_allclose([shape.threshold for shape in found.shapes[:2]], 1e-3, rtol=0.11)
+
+
+@pytest.mark.parametrize("speeds", [(1e-3, 4e-3), (0.0,)])
+def test_signs_far_apart_and_ideal_ones_are_left_alone(speeds: tuple[float, ...]) -> None:
+    """They turn over more than one speed, or over none."""
+    shapes = [Shape("motor 2", "sign", speed) for speed in speeds]
+    found = refined(choice_of(shapes, list(range(len(shapes)))), np.ones(len(shapes)), PLACES)
+    assert found.shapes == tuple(shapes)

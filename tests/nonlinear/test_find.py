@@ -1,0 +1,172 @@
+"""Friction at the motors is found in the multisine's own records, and responses without it scatter far less."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.dry_friction import COULOMB, measured, measured_bristles
+
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra, period_spectra
+from elastid.nonlinear import find
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.reconstruct import friction_spectrum, sharp_motion
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.take_out import net_record
+from elastid.record import Record
+
+AUTO = EstimatorSpec(friction="auto")
+
+
+@pytest.fixture(scope="module")
+def found() -> FrictionTakenOut:
+    return find_friction(*measured_with(AUTO))
+
+
+def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], EstimatorSpec, np.ndarray]:
+    configurations, lines = measured()
+    return configurations, spec, lines
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "curve", "auto"])
+def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -> None:
+    """Within 2 % of the truth at both motors, whatever shapes are allowed."""
+    result = find_friction(*measured_with(replace(AUTO, friction=friction)))  # type: ignore[arg-type]
+    levels = [result.sliding_level(place)[0] for place in result.places]
+    np.testing.assert_allclose(levels, COULOMB, rtol=0.02)
+    assert np.all(result.after < 0.25 * result.before)
+
+
+def test_realisations_agree_once_friction_is_taken_out(found: FrictionTakenOut) -> None:
+    """The standard deviation of every element of G falls to less than a fifth, in both configurations."""
+    configurations, lines = measured()
+    for records in configurations:
+        raw = estimate(records, AUTO, lines).total
+        net = estimate([net_record(record, found) for record in records], AUTO, lines).total
+        assert raw is not None
+        assert net is not None
+        ratio = np.sqrt(np.median(net.variance / raw.variance, axis=0))
+        assert np.all(ratio < 0.2), ratio
+
+
+def test_friction_that_is_not_there_is_not_taken_out() -> None:
+    """A robot that slides without friction keeps its torque to the last bit."""
+    configurations, lines = measured((0.0, 0.0))
+    result = find_friction(configurations, AUTO, lines)
+    assert result.shapes == ()
+    assert {note.code for note in result.notes} == {"friction-left"}
+    record = configurations[0][0]
+    assert net_record(record, result) is record
+
+
+@pytest.mark.parametrize("signal", ["u", "y"])
+def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
+    """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""
+    configurations, lines = measured()
+    records = configurations[0]
+    if signal == "u":
+        of_realisation = {record.realisation: record for record in reversed(records)}
+        spoilt = [replace(of_realisation[each.realisation], experiment=each.experiment) for each in records]
+        spoilt = [replace(each, u=each.u[:, [0, 0]]) for each in spoilt]
+    else:
+        spoilt = [replace(each, y=each.y[:, [0, 0]]) for each in records]
+    result = find_friction([tuple(spoilt)], AUTO, lines)
+    assert result.shapes == ()
+    (note,) = result.notes
+    assert "are not independent in all" in note.text
+    assert "check for a file listed twice" in note.text
+
+
+def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
+    """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
+    configurations, lines = measured()
+    record = configurations[0][0]
+    raw, net = (
+        period_spectra(RecordSpectra(each), lines, "acceleration").U.mean(axis=0)
+        for each in (record, net_record(record, found))
+    )
+    for i, place in enumerate(record.inputs):
+        torque = friction_spectrum(record, place, sharp_motion(record, place, found), found)
+        at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
+        np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
+
+
+def test_without_the_motors_angle_friction_stays() -> None:
+    """A sentence names the motor whose angle is missing."""
+    configurations, lines = measured()
+    blind = [
+        [replace(r, outputs=("motor 1",), quantities=r.quantities[:1], y=r.y[:, :1]) for r in records]
+        for records in configurations
+    ]
+    (note,) = find_friction(blind, AUTO, lines).notes
+    assert "motor 2" in note.text
+    assert "log the motor angles" in note.text
+
+
+def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
+    """On the odd-random grid, within 2 %; where all lines are excited a sentence asks for another realisation."""
+    configurations, lines = measured()
+    single = [[record for record in records if record.realisation == 0] for records in configurations]
+    result = find_friction(single, AUTO, lines)
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.02)
+    every = find_friction(single, AUTO, lines[:1])
+    assert every.shapes == ()
+    assert "further realisation" in every.notes[0].text
+
+
+@pytest.mark.parametrize("law", ["lugre", "maxwell slip"])
+def test_bristles_are_found_and_taken_out(law: str) -> None:
+    """The distortion falls to less than a fifth; the level of sliding is within 5 %; bristles bend as they do."""
+    configurations, lines = measured_bristles(law)
+    result = find_friction(configurations, AUTO, lines)
+    assert all(shape.kind != "sign" for shape in result.shapes)
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.05)
+    assert np.all(result.after < 0.2 * result.before)
+
+
+def test_friction_behind_the_gear_is_left_alone() -> None:
+    """It is no function of the motor's angle: the records stay as they are."""
+    configurations, lines = measured_bristles("joint")
+    result = find_friction(configurations, AUTO, lines)
+    assert result.shapes == ()
+    assert "no friction was taken out" in result.notes[0].text
+
+
+def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
+    """Noise and speed are named."""
+    configurations, lines = measured()
+    count = 2 * np.pi / 1000 / 6
+    coarse = [[replace(r, y=np.round(r.y / count) * count) for r in records] for records in configurations]
+    result = find_friction(coarse, AUTO, lines)
+    assert result.shapes == ()
+    assert "encoder of more counts" in result.notes[0].text
+
+
+def test_the_reversal_ends_at_the_sliding_level(found: FrictionTakenOut) -> None:
+    """From -F_c to F_c, with the interval of the level at both ends."""
+    level, std = found.sliding_level("motor 1")
+    torque, of_torque = found.reversal("motor 1", np.array([0.0, 1.0]))
+    np.testing.assert_allclose(torque, [-level, level])
+    np.testing.assert_allclose(of_torque, std)
+
+
+@pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
+def test_shapes_may_be_chosen_in_the_first_configuration_alone(
+    coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where records are many; levels are those of all configurations, and none where there is no friction."""
+    configurations, lines = measured(coulomb)
+    monkeypatch.setattr(find, "_CHOICE_RECORDS", 1)
+    result = find_friction(configurations, AUTO, lines)
+    assert result.configurations == ("a", "b")
+    assert bool(result.shapes) == bool(coulomb[0])
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
+
+
+def test_a_structure_without_motors_has_no_word_of_friction() -> None:
+    """Only a study that asks for it is told why it is not taken out."""
+    configurations, lines = measured()
+    structure = [[replace(r, inputs=("point 1", "point 2")) for r in records] for records in configurations]
+    assert find_friction(structure, AUTO, lines).notes == ()
+    assert len(find_friction(structure, EstimatorSpec(friction="curve"), lines).notes) == 1

@@ -1,0 +1,90 @@
+"""Spectra of shapes are those of the motor's motion, whatever quantity was logged."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.friction.operators import Path, stop
+from elastid.nonlinear.motion import motion_of
+from elastid.nonlinear.shapes import Shape, amplitudes, spectrum
+from elastid.record import Configuration, Motion, Record
+
+RATE, N = 200.0, 400
+SIGN = Shape("motor 1", "sign")
+
+
+def swinging(line: int, amplitude: float, quantity: Motion = "position", periods: int = 2) -> Record:
+    """A motor that swings as a cosine, given as the quantity asked for."""
+    omega = 2 * np.pi * line * RATE / N
+    order = {"position": 0, "velocity": 1, "acceleration": 2}[quantity]
+    phase = omega * np.arange(periods * N) / RATE + order * np.pi / 2
+    y = (amplitude * omega**order * np.cos(phase))[:, None]
+    configuration = Configuration("c", np.zeros(1))
+    return Record("c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), (quantity,), 0 * y, y)
+
+
+def amplitudes_of(record: Record, shape: Shape, lines: list[int]) -> np.ndarray:
+    periods = np.arange(record.n_samples // record.repeat_samples)
+    return amplitudes(record, motion_of(record, "motor 1"), [shape], periods, np.array(lines))[0]
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("line", [1, 7, 33])
+def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: int) -> None:
+    """4 / (pi k) at its odd harmonics, against a sine, as exact at 33 lines of 200 as at one."""
+    harmonics = [k for k in (1, 3, 5) if k * line < N / 2]
+    found = amplitudes_of(swinging(line, 0.1, quantity), SIGN, [k * line for k in harmonics])
+    np.testing.assert_allclose(found, [4j / (np.pi * k) for k in harmonics], atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [SIGN, Shape("motor 1", "stop", 0.05), Shape("motor 1", "bristle rate", 0.05)])
+def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
+    """At the lines of a period, of which the record has two."""
+    record = swinging(3, 0.2)
+    found = spectrum(record, motion_of(record, "motor 1"), [(shape, 1.0)])
+    np.testing.assert_allclose(
+        found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
+    )
+
+
+def test_half_periods_are_repetitions_with_the_other_sign() -> None:
+    """A half-wave record has the amplitudes of the same record in whole periods."""
+    record = swinging(3, 0.2)
+    for shape in (SIGN, Shape("motor 1", "stop", 0.05)):
+        np.testing.assert_allclose(
+            amplitudes_of(replace(record, half_wave=True), shape, [3, 9]), amplitudes_of(record, shape, [3, 9])
+        )
+
+
+def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
+    """By quadrature over one turn."""
+    angle = 2 * np.pi * np.arange(200_000) / 100_000
+    s = stop(Path.of(0.2 * np.cos(angle)), 0.1)[100_000:] / 0.1
+    expected = np.mean(s * np.exp(-1j * angle[100_000:])) * 2
+    (found,) = amplitudes_of(swinging(3, 0.2), Shape("motor 1", "stop", 0.1), [3])
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["stop", "bristle"])
+def test_a_bristle_that_hardly_bends_is_the_sign(kind: str) -> None:
+    """Its first harmonics, where the motion is a thousand times larger; it is late by its reversals."""
+    record = swinging(3, 0.2)
+    bristle = amplitudes_of(record, Shape("motor 1", kind, 2e-4), [3, 9, 15])  # type: ignore[arg-type]
+    np.testing.assert_allclose(bristle, amplitudes_of(record, SIGN, [3, 9, 15]), atol=0.06)
+
+
+def test_the_rate_of_a_bristle_is_its_derivative() -> None:
+    """j omega D times its spectrum."""
+    record = swinging(3, 0.2)
+    s, rate = (amplitudes_of(record, Shape("motor 1", kind, 0.05), [3]) for kind in ("stop", "stop rate"))  # type: ignore[arg-type]
+    np.testing.assert_allclose(rate, 2j * np.pi * 3 * RATE / N * 0.05 * s)
+
+
+def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
+    """Over twice the threshold of a stop operator."""
+    curve = Shape("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))
+    np.testing.assert_allclose(curve, [-1, 0, 1, 1])
+    np.testing.assert_allclose(SIGN.reversal(np.array([0.0, 1e-9])), [-1, 1])
+    np.testing.assert_allclose(Shape("motor 1", "bristle", 0.1).reversal(np.array([0.0, 5.0])), [-1, 1])
+    np.testing.assert_allclose(Shape("motor 1", "stop rate", 0.1).reversal(np.array([0.0, 5.0])), 0)

@@ -1,0 +1,71 @@
+"""Responses of records whose friction is taken out know what the errors of its levels do to them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.dry_friction import measured, measured_bristles
+
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.places import on_links, on_shafts
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.take_out import estimate_without_friction, net_records
+
+COULOMB, AUTO = EstimatorSpec(friction="coulomb"), EstimatorSpec(friction="auto")
+UNEXPLAINED = "unexplained-distortion"
+E = np.array([[1.0, 0.0], [-0.4, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def found() -> FrictionTakenOut:
+    (records, _), lines = measured()
+    return find_friction([records], COULOMB, lines)
+
+
+def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
+    """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
+    (records, _), lines = measured()
+    error = 0.01 * found.levels * np.array([shape.place == "motor 1" for shape in found.shapes])
+    sole = replace(found, covariance=np.outer(error, error))
+    response = estimate_without_friction(records, sole, COULOMB, lines)
+    off = replace(sole, levels=sole.levels + error)
+    change = estimate(list(net_records(records, off)), COULOMB, lines).G - response.G
+    assert response.bias is not None
+    sign = np.sign(np.vdot(response.bias[2, 0], change).real)
+    np.testing.assert_allclose(sign * response.bias[2, 0], change, atol=0.05 * np.abs(change).max())
+
+
+def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTakenOut) -> None:
+    """Records on the link side of coupled gears: G is E^-1 G' E^-T of that on the shafts, and so are its errors."""
+    (records, _), lines = measured()
+    shafts = estimate_without_friction(records, found, COULOMB, lines)
+    links = estimate_without_friction([on_links(each, E) for each in records], found, COULOMB, lines, E)
+    assert on_shafts(on_links(records[0], E), E).inputs == records[0].inputs
+    inverse = np.linalg.inv(E)
+    assert shafts.bias is not None
+    assert links.bias is not None
+    np.testing.assert_allclose(links.G, inverse @ shafts.G @ inverse.T, rtol=1e-6, atol=1e-9)
+    turned = inverse @ shafts.bias[2] @ inverse.T
+    np.testing.assert_allclose(links.bias[2], turned, atol=1e-3 * np.abs(turned).max())
+
+
+def test_friction_that_stays_leaves_the_response_as_it_is() -> None:
+    """To the last bit, where none was looked for."""
+    (records, _), lines = measured()
+    np.testing.assert_array_equal(
+        estimate_without_friction(records, None, COULOMB, lines).G, estimate(records, COULOMB, lines).G
+    )
+
+
+def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: FrictionTakenOut) -> None:
+    """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
+    (behind, *_), lines = measured_bristles("joint")
+    left = find_friction([behind], AUTO, lines)
+    assert left.taken_places() == ()
+    (note,) = [one for one in estimate_without_friction(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
+    assert note.severity == "warning"
+    assert "no friction of motor 1, motor 2 explains it" in note.text
+    (records, _), lines = measured()
+    assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
