@@ -73,9 +73,8 @@ def build(command: list[str], target: str, library: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, calls = Path(name), []
         for path in (path for path in headers if path.suffix == ".c"):
-            levels = LEVELS if machine(target) == "x86_64" and path.stem != "processor" else {"portable": ()}
-            for level, flags in levels.items():
-                words = [*FLAGS, *flags, f"-DLEVEL={level}", f'-DSOURCES="{digest.hexdigest()}"']
+            for level in levels(target) if path.stem != "processor" else ("portable",):
+                words = [*FLAGS, *LEVELS[level], f"-DLEVEL={level}", f'-DSOURCES="{digest.hexdigest()}"']
                 calls.append([*command, *words, "-c", str(path), "-o", str(folder / f"{path.stem}_{level}.o")])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(run, calls))
@@ -92,6 +91,13 @@ def run(call: list[str]) -> None:
     if done.returncode:
         words = done.stderr.decode(errors="replace").strip()[-500:]
         raise RuntimeError(f"{call[0]} ends with status {done.returncode}: {words}")
+
+
+def levels(target: str) -> tuple[str, ...]:
+    """Levels of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
+    if machine(target) != "x86_64":
+        return ("portable",)
+    return ("portable", "avx2") if target.startswith("macosx") else tuple(LEVELS)
 
 
 def machine(target: str) -> str:
