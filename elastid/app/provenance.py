@@ -15,6 +15,7 @@ from typing import Any
 
 from elastid import __version__
 from elastid.app.stage_table import Stage, function_of, stages_of_study
+from elastid.base import kernels
 from elastid.store import Stamp
 from elastid.study import LoadedStudy
 
@@ -44,7 +45,7 @@ def software() -> str:
     """Versions of elastid, Python and the libraries that results depend on, and the platform."""
     found = [f"elastid {__version__}", f"Python {platform.python_version()}"]
     found += [f"{name} {version(name)}" for name in LIBRARIES]
-    return ", ".join([*found, f"{platform.system()} {platform.machine()}"])
+    return ", ".join([*found, kernels.description(), f"{platform.system()} {platform.machine()}"])
 
 
 def upstream(stages: dict[str, Stage], stage: Stage) -> tuple[str, ...]:

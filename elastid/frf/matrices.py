@@ -1,29 +1,20 @@
-"""Stacks of matrices (F, n, m), one for each line: with NumPy, or of many lines in C (`matrices.c`)."""
+"""Stacks of matrices (F, n, m), one for each line: in C (`base/kernels/matrices.c`), or with NumPy."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.compiled import call, loops
+from elastid.base.kernels import call, is_compiled
 
 # One stack for each block.
 Stacks: TypeAlias = Sequence[ComplexArray]
-# Lines times rows and columns squared, from which the second that compiling takes is won back.
-MIN_WORK = 20_000
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("matrices.c", "scatter.c"))
 # Matrices of so many lines fit into the processor's cache.
 LINES_AT_ONCE = 256
-
-
-def is_worth_it(n_lines: int, n_channels: int) -> bool:
-    """Whether so much work wins back the second that compiling the loops takes, and they are there."""
-    return n_lines * n_channels**2 >= MIN_WORK and loops(SOURCES) is not None
 
 
 def transposed(A: ComplexArray) -> ComplexArray:
@@ -66,24 +57,23 @@ def in_parts(F: int, of_lines: Callable[[slice], ComplexArray]) -> ComplexArray:
 
 def added_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
-    F, n, _ = A[0].shape
-    if is_worth_it(F, n + B[0].shape[2]):
+    if is_compiled():
         return _sum_of_products(A, [transposed(each) for each in B], -1)
-    return in_parts(F, lambda part: added(_cut(a, part) @ _cut(b, part) for a, b in zip(A, B, strict=True)))
+    return in_parts(len(A[0]), lambda part: added(_cut(a, part) @ _cut(b, part) for a, b in zip(A, B, strict=True)))
 
 
 def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
-    F, n, _ = A[0].shape
-    if is_worth_it(F, n + B[0].shape[1]):
+    if is_compiled():
         return _sum_of_products(A, B, 1)
+    F = len(A[0])
     return in_parts(F, lambda part: added(_cut(a, part) @ adjoint(_cut(b, part)) for a, b in zip(A, B, strict=True)))
 
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
     """Sum over blocks of D D^H (F, n, n), D = Y - G U."""
     F, n, m = G.shape
-    if not is_worth_it(F, n + m):
+    if not is_compiled():
 
         def of_lines(part: slice) -> ComplexArray:
             D = (y[part] - G[part] @ _cut(u, part) for y, u in zip(Y, U, strict=True))
@@ -91,17 +81,17 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
         return in_parts(F, of_lines)
     found = np.empty((F, n, n), np.complex128)
-    call(loops(SOURCES), "sum_of_errors", F, n, m, len(Y), _columns(Y), _places(Y), _places([G]), _places(U), found)
+    call("sum_of_errors", F, n, m, len(Y), _columns(Y), _places(Y), _places([G]), _places(U), found)
     return found
 
 
 def inverse(A: ComplexArray) -> ComplexArray:
     """A^-1 of each matrix; LinAlgError where one has none."""
     F, n, _ = A.shape
-    if not is_worth_it(F, 2 * n):
+    if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)
     found, n_singular = np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
-    call(loops(SOURCES), "inverse", F, n, _places([A]), found, n_singular)
+    call("inverse", F, n, _places([A]), found, n_singular)
     if n_singular[0]:
         raise np.linalg.LinAlgError("Singular matrix")
     return found
@@ -110,16 +100,16 @@ def inverse(A: ComplexArray) -> ComplexArray:
 def singular_values(A: ComplexArray) -> FloatArray:
     """Singular values (F, min(n, m)) of each matrix, largest first."""
     F, n, m = A.shape
-    if not is_worth_it(F, n + m):
+    if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
     found = np.empty((F, min(n, m)))
-    call(loops(SOURCES), "singular_values", F, max(n, m), min(n, m), _places([A if m <= n else transposed(A)]), found)
+    call("singular_values", F, max(n, m), min(n, m), _places([A if m <= n else transposed(A)]), found)
     return np.sort(found)[:, ::-1]
 
 
 def semidefinite_eigenvalues(A: ComplexArray) -> FloatArray:
     """Eigenvalues (F, n) of each positive semidefinite A, no less than zero, largest first."""
-    if is_worth_it(len(A), 2 * A.shape[1]):
+    if is_compiled():
         return singular_values(A)
     return np.asarray(np.maximum(np.linalg.eigvalsh(A)[:, ::-1], 0.0))
 
@@ -127,11 +117,11 @@ def semidefinite_eigenvalues(A: ComplexArray) -> FloatArray:
 def positive(A: ComplexArray) -> ComplexArray:
     """The nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
     F, n, _ = A.shape
-    if not is_worth_it(F, 2 * n):
+    if not is_compiled():
         value, vector = np.linalg.eigh(A)
         return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ adjoint(vector))
     found = np.empty((F, n, n), np.complex128)
-    call(loops(SOURCES), "positive_part", F, n, _places([A]), found)
+    call("positive_part", F, n, _places([A]), found)
     return found
 
 
@@ -143,7 +133,7 @@ def _cut(A: ComplexArray, part: slice) -> ComplexArray:
 def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
     """Sum over blocks of A B^H, or of A B^T where sign is -1."""
     found = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
-    call(loops(SOURCES), "sum_of_products", *found.shape, len(A), _columns(A), _places(A), _places(B), sign, found)
+    call("sum_of_products", *found.shape, len(A), _columns(A), _places(A), _places(B), sign, found)
     return found
 
 
@@ -154,5 +144,5 @@ def _columns(stacks: Stacks) -> IntArray:
 def _places(stacks: Stacks) -> IntArray:
     """Where each lies: its address, and the numbers from line to line, row to row and column to column."""
     if any(each.dtype != np.complex128 for each in stacks):
-        raise TypeError(f"the loops read complex128, not {', '.join(str(each.dtype) for each in stacks)}")
+        raise TypeError(f"the kernels read complex128, not {', '.join(str(each.dtype) for each in stacks)}")
     return np.array([(each.ctypes.data, *(stride // each.itemsize for stride in each.strides)) for each in stacks])

@@ -1,4 +1,4 @@
-"""The scatter of periods about their means, summed up over experiments: with NumPy, or in C (`scatter.c`)."""
+"""The scatter of periods about their means, summed over experiments: in C (`base/kernels/scatter.c`) or NumPy."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.compiled import call, loops
-from elastid.frf.matrices import SOURCES, adjoint, is_worth_it
+from elastid.base.kernels import call, is_compiled
+from elastid.frf.matrices import adjoint
 from elastid.frf.spectra import PeriodSpectra
 
 # Of `scatter.c`.
@@ -44,7 +44,7 @@ class FullSum:
 
 
 class PackedSum:
-    """S of the loops in C: (batches, n (n + 1) / 2, 2, BATCH), the pairs on and above the diagonal of BATCH lines."""
+    """S of the kernels in C: (batches, n (n + 1) / 2, 2, BATCH), the pairs on and above the diagonal of BATCH lines."""
 
     lines_at_once = 1 << 14
 
@@ -57,7 +57,7 @@ class PackedSum:
         (P, f, n), mean = z.shape, np.empty((z.shape[2], z.shape[1]), np.complex128)
         apart = [stride // z.itemsize for stride in z.strides]
         # By its address: z may be a view.
-        call(loops(SOURCES), "add_scatter", P, f, n, z.ctypes.data, *apart, mean, self.S[part.start // BATCH :])
+        call("add_scatter", P, f, n, z.ctypes.data, *apart, mean, self.S[part.start // BATCH :])
         return mean.T
 
     def power(self) -> FloatArray:
@@ -69,7 +69,7 @@ class PackedSum:
     def collect(self, scale: ComplexArray) -> ComplexArray:
         """As `FullSum.collect`."""
         found = np.empty((self.F, self.n, self.n), np.complex128)
-        call(loops(SOURCES), "collect", self.F, self.n, self.S, scale, found)
+        call("collect", self.F, self.n, self.S, scale, found)
         return found
 
 
@@ -78,7 +78,7 @@ class ScatterSum:
 
     def __init__(self, scale: ComplexArray) -> None:
         self.scale, self.dof = np.asfortranarray(scale), 0
-        self._sum = (PackedSum if is_worth_it(*scale.shape) else FullSum)(*scale.shape)
+        self._sum = (PackedSum if is_compiled() else FullSum)(*scale.shape)
 
     def add(self, groups: Iterable[PeriodSpectra]) -> ComplexArray:
         """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).

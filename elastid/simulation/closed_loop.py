@@ -99,7 +99,7 @@ def closed_loop(
     """Close the loop around a model with its friction and its drives.
 
     substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.  samples: about how many
-    will be simulated, which decides whether a sample is compiled.
+    will be simulated by a compiled step, 0 by an interpreted one.
     """
     sample = sampled_step(model, contacts, rate_hz, substeps, drives, loops)
     function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, BY_FOURS)

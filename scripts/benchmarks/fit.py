@@ -48,6 +48,7 @@ from scipy.optimize import least_squares
 from timing import cpu_seconds, in_turn
 
 from elastid.base.arrays import FloatArray
+from elastid.base.kernels import description, is_compiled
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LeastSquares, as_real
 from elastid.fit.setup.assembly import Assembly
@@ -58,7 +59,6 @@ from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.condensation import Leaves
-from elastid.linear.response.ldl import is_worth_it
 from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
@@ -310,7 +310,7 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
 
 def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, LeastSquares]:
     """The fit in NumPy, the same without condensed leaves, and with INERTIAS free."""
-    with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
+    with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         plain, x0 = assemble(Q, F)
         plain.rough(x0)
         inertial, _ = with_inertias(Q, F)
@@ -368,8 +368,8 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     fit, x0 = assemble(Q, F)
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
-    compiled = is_worth_it(F, n)
-    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; a C compiler compiles them'}\n")
+    compiled = is_compiled()
+    print(f"{description()}\n")
 
     plain, whole, plain_inertial = without_compiled_loops(Q, F)
     inertial, relinearised = with_inertias(Q, F)

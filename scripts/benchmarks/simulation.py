@@ -24,14 +24,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from elastid.base.compiled import compiler
 from elastid.export.mujoco import mjcf
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.compiled import MIN_CALLS
+from elastid.simulation.compiled import MIN_CALLS, compiler
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration
@@ -168,9 +167,12 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
 
 def check(six: dict[str, float]) -> None:
     """The six-axis arm against the goals, where there is a compiler, and MuJoCo."""
-    if compiler():
-        assert six["elastid_times_real_time"] > MIN_TIMES_REAL_TIME, six
-        assert six.get("time_over_mujoco", 0.0) < MAX_TIME_OVER_MUJOCO, six
+    try:
+        compiler()
+    except OSError:
+        return
+    assert six["elastid_times_real_time"] > MIN_TIMES_REAL_TIME, six
+    assert six.get("time_over_mujoco", 0.0) < MAX_TIME_OVER_MUJOCO, six
 
 
 def main() -> None:

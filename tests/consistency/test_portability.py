@@ -62,19 +62,9 @@ def posix_uses(tree: ast.Module) -> list[str]:
     return found
 
 
-# Asked for by a function that the others are called after.
-ASKED_BEFORE = {"compiled.py": {"os.getuid"}}
-
-
 def test_no_call_needs_posix() -> None:
     """It is made where the system was asked whether it has it."""
-    found = [
-        f"{path}, {use}"
-        for path, tree in trees()
-        for use in posix_uses(tree)
-        if use.split(": ")[1] not in ASKED_BEFORE.get(path.name, ())
-    ]
-    assert found == []
+    assert [f"{path}, {use}" for path, tree in trees() for use in posix_uses(tree)] == []
 
 
 def test_no_text_names_a_folder_of_one_system() -> None:

@@ -9,9 +9,10 @@ from plants.linkages import linkage
 from plants.three_mass import circular
 
 from elastid.base.arrays import ComplexArray
+from elastid.base.kernels import is_compiled
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation
-from elastid.fit.problem.line_loops import BATCH, is_compiled
+from elastid.fit.problem.line_loops import BATCH
 from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
@@ -25,7 +26,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance
 
-pytestmark = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
+pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
 
 
 def random_part(
@@ -110,8 +111,8 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     parameters = choose(spec, robot)
     x = parameters.x + 0.05 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
 
-    def evaluated(is_compiled: bool) -> tuple[ElasticFit, Evaluation]:
-        monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: is_compiled)
+    def evaluated(in_c: bool) -> tuple[ElasticFit, Evaluation]:
+        monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: in_c)
         fit = Assembly.of([measured], robot, spec, parameters, model).at(parameters.x, "complex")
         return fit, fit.evaluate(x)
 

@@ -5,11 +5,10 @@ import pytest
 from plants.three_mass import circular
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.compiled import loops
+from elastid.base.kernels import is_compiled
 from elastid.frf import matrices
 from elastid.frf.matrices import added, adjoint, transposed
 
-with_compiler = pytest.mark.skipif(loops(matrices.SOURCES) is None, reason="no C compiler is installed")
 # One line and incomplete batches, odd sizes, and many lines.
 SHAPES = [(1, 1, 1), (7, 2, 3), (37, 5, 4), (16, 3, 6), (300, 6, 6), (600, 7, 7)]
 
@@ -23,9 +22,9 @@ def laid_out(A: ComplexArray, lines_are_last: bool) -> ComplexArray:
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both ways to the same numbers."""
     in_c = request.param == "c"
-    if in_c and loops(matrices.SOURCES) is None:
-        pytest.skip("no C compiler is installed")
-    monkeypatch.setattr(matrices, "is_worth_it", lambda F, n: in_c)
+    if in_c and not is_compiled():
+        pytest.skip("the kernels in C are not built")
+    monkeypatch.setattr(matrices, "is_compiled", lambda: in_c)
 
 
 def close(found: ComplexArray | FloatArray, expected: ComplexArray | FloatArray, parts: float = 1e-13) -> None:
@@ -99,14 +98,6 @@ def test_a_matrix_without_inverse_is_refused_wherever_it_is() -> None:
             matrices.inverse(A)
 
 
-@with_compiler
-def test_little_work_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody waits a second for a compiler that saves a millisecond."""
-    assert matrices.is_worth_it(200, 12)
-    monkeypatch.setattr(matrices, "loops", lambda sources: pytest.fail("compiled"))
-    assert not matrices.is_worth_it(20, 12)
-
-
 def test_values_in_parts_are_those_of_all_lines() -> None:
     """Where the last part is incomplete, and where there is one only."""
     for F in (3, matrices.LINES_AT_ONCE, 2 * matrices.LINES_AT_ONCE + 1):
@@ -114,9 +105,9 @@ def test_values_in_parts_are_those_of_all_lines() -> None:
         np.testing.assert_array_equal(matrices.in_parts(F, A.__getitem__), A)
 
 
-def test_the_loops_refuse_numbers_of_another_size() -> None:
+def test_the_kernels_refuse_numbers_of_another_size() -> None:
     """They would be read beyond their end."""
-    if loops(matrices.SOURCES) is None:
-        pytest.skip("no C compiler is installed")
+    if not is_compiled():
+        pytest.skip("the kernels in C are not built")
     with pytest.raises(TypeError, match="complex128, not float64"):
         matrices.inverse(np.ones((5000, 6, 6)))  # type: ignore[arg-type]

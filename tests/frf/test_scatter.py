@@ -11,7 +11,7 @@ from elastid.frf import scatter
 from elastid.frf.scatter import FullSum, PackedSum, ScatterSum
 from elastid.frf.spectra import PeriodSpectra
 
-with_compiler = pytest.mark.skipif(scatter.loops(scatter.SOURCES) is None, reason="no C compiler is installed")
+needs_kernels = pytest.mark.skipif(not scatter.is_compiled(), reason="the kernels in C are not built")
 
 
 def groups_of(z: ComplexArray, sizes: tuple[int, ...], scale: ComplexArray) -> Iterator[PeriodSpectra]:
@@ -20,7 +20,7 @@ def groups_of(z: ComplexArray, sizes: tuple[int, ...], scale: ComplexArray) -> I
         yield PeriodSpectra(None, np.arange(len(part)), part, scale)  # the record is not asked for
 
 
-@with_compiler
+@needs_kernels
 @pytest.mark.parametrize("is_channel_first", [True, False])
 @pytest.mark.parametrize(("F", "n", "sizes"), [(1, 1, (2,)), (8, 2, (3, 0)), (37, 5, (4, 2, 3)), (300, 12, (8,))])
 def test_scatter_in_c_is_that_of_numpy(
@@ -32,7 +32,7 @@ def test_scatter_in_c_is_that_of_numpy(
     scale, sums, means = circular(rng, (F, n)), [], []
     records = [circular(rng, shape) + 3 for _ in range(2)]
     for in_c in (False, True):
-        monkeypatch.setattr(scatter, "is_worth_it", lambda F, n, in_c=in_c: in_c)
+        monkeypatch.setattr(scatter, "is_compiled", lambda in_c=in_c: in_c)
         sums.append(ScatterSum(scale))
         z = [(one.swapaxes(1, 2) if is_channel_first else one)[:, 2 : F + 2] for one in records]
         means.append(np.array([sums[-1].add(groups_of(one, sizes, scale)) for one in z]))

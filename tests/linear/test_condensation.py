@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elastid.base.kernels import is_compiled
 from elastid.linear.response.condensation import Leaves
-from elastid.linear.response.ldl import Elimination, is_compiled
+from elastid.linear.response.ldl import Elimination
 
 SOLVERS = [
     Leaves,
-    pytest.param(Elimination, marks=pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")),
+    pytest.param(Elimination, marks=pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")),
 ]
 
 OMEGA = 2 * np.pi * np.linspace(1, 60, 150)

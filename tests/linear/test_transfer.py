@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.errors import StudyError
+from elastid.base.kernels import is_compiled
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.propagation import response_deviation
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.ldl import is_compiled
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.parameters import Parameter, ParameterSet
@@ -23,13 +23,13 @@ from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
-needs_compiler = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
+needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
 
 
 @pytest.fixture(params=[False, pytest.param(True, marks=needs_compiler)], ids=["NumPy", "compiled"])
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels whose loops are compiled, however few lines they have, and kernels without."""
-    monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: request.param)
+    monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
 
 
 angles = st.tuples(*[st.floats(-2, 2)] * 3)

@@ -72,7 +72,7 @@ def plant_of(
 ) -> Plant:
     """A plant and its closed loop, built once in a process: CasADi expressions do not pickle.
 
-    samples: about how many the whole plan has.
+    samples: about how many the whole plan has, where its step is to be compiled for them.
     """
     model = model_of(robot, equations)
     limits = np.array([joint.limits.angle for joint in robot.driven])

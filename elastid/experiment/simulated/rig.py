@@ -183,7 +183,7 @@ class SimulatedRig:
         """The true robot, its equilibrium, and the reference of its controller."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        samples = len(self.plan.experiments) * self.plan.run_samples
+        samples = len(self.plan.experiments) * self.plan.run_samples if spec.compiled else 0
         robot = true_robot(self.robot, spec.truth)
         plant = plant_of(robot, spec.model, spec.loops, rate_hz, spec.substeps, *hardware, samples)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)

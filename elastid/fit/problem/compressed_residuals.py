@@ -17,7 +17,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
-from elastid.fit.problem.line_loops import is_compiled
 from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.weights.full_covariance import Whitening
 
@@ -27,7 +26,7 @@ class CompressedResiduals:
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
-    takes_compiled: whether loops in C are worth while.  known: what `compressed` works out, where that is done already.
+    takes_compiled: True if the sums run in C.  known: what `compressed` works out, where that is done already.
     """
 
     elements: tuple[IntArray, IntArray]
@@ -117,7 +116,7 @@ class CompressedResiduals:
         if self.known is not None:
             return self.known
         first, second = self._places
-        form = Packed.of if self.takes_compiled and is_compiled() else Full
+        form = Packed.of if self.takes_compiled else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
         if mixing is None:
             one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
@@ -138,7 +137,7 @@ class CompressedResiduals:
             left = data.copy()
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
-        q = np.asfortranarray(q)  # element by element, as the loops take it
+        q = np.asfortranarray(q)  # element by element, as the kernel takes it
         return Compressed(form(R), q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
 
 

@@ -1,4 +1,4 @@
-"""The loops of `triangle` in C: to call only where `elastid.base.compiled` finds a compiler.
+"""The sums of `triangle` in C (`base/kernels/line_loops.c`); callable only where the kernels are built.
 
 Lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the processor takes several
 at once. Columns are formed, whitened and summed up while they are in the cache. R (batches, n_r, 2, BATCH) has its rows
@@ -8,31 +8,19 @@ last batch are zero.
 
 from __future__ import annotations
 
-import ctypes
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.compiled import call, loops
+from elastid.base.kernels import call
 from elastid.linear.response.sensitivity import Sensitivity
 
 BATCH = 16
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("line_residuals.c", "line_loops.c"))
-
-
-def _loops(precision: type[np.floating[Any]]) -> ctypes.CDLL | None:
-    return loops(SOURCES, "-DREAL=" + ("float" if precision is np.float32 else "double"))
-
-
-def is_compiled() -> bool:
-    """Whether the loops can be compiled here."""
-    return None not in (_loops(np.float32), _loops(np.float64))
 
 
 def packed(R: ComplexArray | FloatArray) -> FloatArray:
-    """R (F, n_e, n_e), or its diagonal (F, n_e), as the loops take it."""
+    """R (F, n_e, n_e), or its diagonal (F, n_e), as the kernel takes it."""
     rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
     F, n_r = rows.shape
     filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
@@ -59,8 +47,7 @@ def sums(
     pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
     between = np.zeros((3, r, r), complex)
     call(
-        _loops(precision),
-        "sums",
+        "sums_float" if precision is np.float32 else "sums_double",
         F,
         n_y,
         n_u,

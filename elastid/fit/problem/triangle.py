@@ -75,7 +75,7 @@ class Full:
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """R of the compiled loops (`line_loops.packed`)."""
+    """R of the sums in C (`line_loops.packed`)."""
 
     R: FloatArray
 

@@ -20,15 +20,16 @@ from typing import NamedTuple
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.factor import factor
 from elastid.linear.response.hold_images import HoldImages, hold_images
-from elastid.linear.response.ldl import Elimination, is_worth_it
+from elastid.linear.response.ldl import Elimination
 from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
 from elastid.robot import gain_name
 
-# Lines worked on at a time: their matrices stay in the cache; whole batches of the compiled loops.
+# Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
 BLOCK = 208
 
 
@@ -247,8 +248,8 @@ class Kernel:
 
     @cached_property
     def takes_compiled(self) -> bool:
-        """Whether compiled loops win back the second that compiling them takes."""
-        return is_worth_it(self.freq_hz.size, self.model.n)
+        """True if Z is factorised, and the sums of a fit are formed, in C."""
+        return is_compiled()
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""

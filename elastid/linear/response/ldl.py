@@ -1,10 +1,9 @@
-r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L least; in C, where there is a compiler.
+r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L least; in C (`base/kernels/ldl.c`).
 
 .. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
 
 Symmetric, so half of an LU; entries that are zero for every theta are skipped: six motors behind their gears cost next
-to nothing. Faster than `condensation` (scripts/benchmarks/fit.py), but a second to compile once: for fits that win it
-back.
+to nothing. Faster than `condensation` (scripts/benchmarks/fit.py), which does its work where there are no kernels in C.
 Nothing is exchanged for the sake of digits: a line whose pivot is small beside the terms that it is made of, as that of
 an undamped part on its own resonance, is solved by LAPACK instead.
 """
@@ -12,30 +11,15 @@ an undamped part on its own resonance, is solved by LAPACK instead.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.compiled import call, loops
+from elastid.base.kernels import call
 
 # |pivot| beside the sizes of its terms, below which the quotients would cost digits.
 MIN_PIVOT = 1e-3
-# Lines times coordinates squared, from which a fit of some hundred evaluations is faster with compiled loops.
-MIN_WORK = 20_000
-SOURCE = Path(__file__).with_name("ldl.c")
-
-
-def is_worth_it(n_lines: int, n: int) -> bool:
-    """Whether so many lines of n coordinates win back the second that compiling the loops takes, and they are there."""
-    return n_lines * n**2 >= MIN_WORK and is_compiled()
-
-
-@cache
-def is_compiled() -> bool:
-    """Whether the loops can be compiled here."""
-    return loops((SOURCE,)) is not None
 
 
 @dataclass(frozen=True)
@@ -70,7 +54,6 @@ class Elimination:
         found = np.empty((Y.shape[1], B.shape[1], len(omega)), complex)
         smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
         call(
-            loops((SOURCE,)),
             "eliminate",
             *sizes,
             M.take(places),

@@ -7,7 +7,7 @@ import pytest
 from plants.elastic_arm import arm
 from plants.three_mass import FREQ, circular
 
-from elastid.fit.problem.line_loops import is_compiled
+from elastid.base.kernels import is_compiled
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -21,13 +21,13 @@ from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Sp
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
 TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
-needs_compiler = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
+needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
 
 
 @pytest.fixture(params=[False, pytest.param(True, marks=needs_compiler)], ids=["NumPy", "compiled"])
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops that are compiled, however few lines there are, and none."""
-    monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: request.param)
+    monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
 
 
 @pytest.mark.usefixtures("loops")

@@ -1,5 +1,7 @@
 /* Numbers of LANES lines side by side, real and imaginary parts apart; residuals, and columns pulled by them. */
 
+#include "registers.h"
+
 #ifndef REAL
 #define REAL double
 #endif

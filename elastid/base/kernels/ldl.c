@@ -1,4 +1,6 @@
-/* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `ldl.py` says. */
+/* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `linear/response/ldl.py` says. */
+
+#include "registers.h"
 
 #define LANES ((int64_t)(WIDTH / sizeof(double)))
 
@@ -104,10 +106,10 @@ static void reach(int64_t n, int64_t m, const double *B, const int64_t *later, c
 }
 
 /* The loops of `Elimination.products`; 0, or 1 where there is no memory. */
-int eliminate(int64_t F, int64_t n, int64_t m, int64_t n_d, const double *M, const double *D, const double *K,
+KERNEL(eliminate)(int64_t F, int64_t n, int64_t m, int64_t n_d, const double *M, const double *D, const double *K,
               const double *B, const double *omega, const int64_t *later, const int64_t *many, const double *Y,
               double *found, double *smallest) {
-    number *Z = aligned_alloc(WIDTH, (size_t)(n * n + 2 * n * m + n + n_d * (n + 1)) * sizeof(number));
+    number *Z = allocate((size_t)(n * n + 2 * n * m + n + n_d * (n + 1)) * sizeof(number));
     if (!Z)
         return 1;
     number *X = Z + n * n, *P = X + n * m;
@@ -138,6 +140,6 @@ int eliminate(int64_t F, int64_t n, int64_t m, int64_t n_d, const double *M, con
         substitute(n, m, later, many, Z, P, X);
         gather(n, m, n_d, X, Y, rows, how_many, F, used, found + 2 * start);
     }
-    free(Z);
+    release(Z);
     return 0;
 }

@@ -1,4 +1,6 @@
-/* The sums over lines of `line_loops.py`; read behind line_residuals.c, which has the types. */
+/* The sums over lines of `fit/problem/line_loops.py`, numbers of type REAL. */
+
+#include "line_residuals.h"
 
 /* gain left (S[0] - omega^2 S[1]) right^T of a base of a higher rank, its elements times factor; P (r, n_u): to work in.
    TILE elements at a time; those that fill up the last TILE are its last one again. */
@@ -171,7 +173,7 @@ static void sum_pulls(int64_t many, const precise *sums, const double *sign, dou
 
 /* `Packed.sums`; arrays over lines have these last, R (batches, n_r, 2, BATCH) begins at the first.  Without G, q is r;
    without right, it is left.  0, or 1 where there is no memory. */
-int sums(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t n_v, int64_t n_3, int64_t n_e,
+KERNEL(JOIN(sums, REAL))(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t n_v, int64_t n_3, int64_t n_e,
          int64_t is_diagonal, const double *left, const double *right, const double *gain, const double *S,
          const double *whole, const int64_t *outputs, const int64_t *inputs, const double *q, const double *G, const double *slope, const double *R,
          const double *omega, const double *sign, const double *factor, double *cost, double *weight, double *pulled,
@@ -185,7 +187,7 @@ int sums(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t 
     int64_t n_given = many[0] + many[1] + many[2] + many[3] + many[4];
     int64_t n_numbers = padded * n_e + n_r + n_given + n_v * n_u, n_precise = PARTS * n_given + 3 * (n_e + n_b + n_v * n_v);
     size_t needed = (size_t)(n_numbers + n_precise) * sizeof(number) + (size_t)n_sums * sizeof(lanes);
-    number *U = aligned_alloc(WIDTH, needed);
+    number *U = allocate(needed);
     if (!U)
         return 1;
     memset(U, 0, needed);
@@ -239,6 +241,6 @@ int sums(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t 
     sum_pulls(n_b, pulls, sign, pulled);
     sum_pulls(n_v * n_v, pulls_between, 0, pulled_between);
     sum_moments(n_b, padded, gram, moments);
-    free(U);
+    release(U);
     return 0;
 }

@@ -1,6 +1,16 @@
-/* The scatter of periods of `scatter.py`, behind `matrices.c`: BATCH lines side by side. */
+/* The scatter of periods of `frf/scatter.py`: BATCH lines side by side. */
+
+#include "lanes.h"
 
 #define BATCH 8
+
+static void store(number from, int64_t used, double *to) {
+    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
+    for (int64_t q = 0; q < used; q++) {
+        to[2 * q] = re[q];
+        to[2 * q + 1] = im[q];
+    }
+}
 
 /* Adds sum_p V_i conj(V_j), V (channels, P), to the pairs of S (n (n + 1) / 2, 2, BATCH) from a lane on. */
 static void add_products(int64_t P, int64_t n, const number *V, double *S) {
@@ -28,11 +38,11 @@ static void add_products(int64_t P, int64_t n, const number *V, double *S) {
 }
 
 /* The mean (n, F) of z over P periods, and its scatter about it added to S; z in complex numbers apart as given. */
-int add_scatter(int64_t P, int64_t F, int64_t n, const double *z, int64_t periods_apart, int64_t lines_apart,
+KERNEL(add_scatter)(int64_t P, int64_t F, int64_t n, const double *z, int64_t periods_apart, int64_t lines_apart,
                 int64_t channels_apart, double *mean, double *S) {
     int64_t n_pairs = n * (n + 1) / 2;
     size_t needed = (size_t)((n + TILE) * P) * sizeof(number);
-    number *V = aligned_alloc(WIDTH, needed);
+    number *V = allocate(needed);
     if (!V)
         return 1;
     memset(V, 0, needed);
@@ -56,12 +66,12 @@ int add_scatter(int64_t P, int64_t F, int64_t n, const double *z, int64_t period
         }
         add_products(P, n, V, S + f / BATCH * n_pairs * 2 * BATCH + f % BATCH);
     }
-    free(V);
+    release(V);
     return 0;
 }
 
 /* scale_i conj(scale_j) S_ij of every line (F, n, n), scale (F, n). */
-int collect(int64_t F, int64_t n, const double *S, const double *scale, double *found) {
+KERNEL(collect)(int64_t F, int64_t n, const double *S, const double *scale, double *found) {
     for (int64_t f = 0; f < F; f++, scale += 2 * n, found += 2 * n * n) {
         const double *pair = S + f / BATCH * n * (n + 1) * BATCH + f % BATCH;
         for (int64_t i = 0; i < n; i++)

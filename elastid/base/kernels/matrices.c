@@ -8,46 +8,12 @@
 
 #include <math.h>
 
-#define LANES ((int64_t)(WIDTH / sizeof(double)))
-#define AHEAD 64
+#include "lanes.h"
+
 #define MAX_SWEEPS 40
 #define EPSILON 2.2e-16
 
-typedef double lanes __attribute__((vector_size(WIDTH)));
 typedef int64_t flags __attribute__((vector_size(WIDTH)));
-typedef struct {
-    lanes re, im;
-} number;
-
-/* Some lines, `apart` complex numbers from each other; the lanes left over are zero.  Lines side by side are asked for
-   AHEAD of time: rows and columns are more streams than the processor follows by itself. */
-static inline number load(const double *from, int64_t apart, int64_t used) {
-    double re[LANES] = {0}, im[LANES] = {0};
-    number found;
-    if (apart == 1 && used == LANES) {
-        __builtin_prefetch(from + AHEAD);
-        __builtin_prefetch(from + AHEAD + 8);
-        for (int64_t q = 0; q < LANES; q++) {
-            re[q] = from[2 * q];
-            im[q] = from[2 * q + 1];
-        }
-    } else
-        for (int64_t q = 0; q < used; q++) {
-            re[q] = from[2 * apart * q];
-            im[q] = from[2 * apart * q + 1];
-        }
-    memcpy(&found.re, re, sizeof re);
-    memcpy(&found.im, im, sizeof im);
-    return found;
-}
-
-static void store(number from, int64_t used, double *to) {
-    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
-    for (int64_t q = 0; q < used; q++) {
-        to[2 * q] = re[q];
-        to[2 * q + 1] = im[q];
-    }
-}
 
 /* Where a stack lies: address of its first number, and numbers from line to line, row to row, column to column. */
 typedef struct {
@@ -96,17 +62,6 @@ static void put(int64_t rows, int64_t columns, const number *from, int64_t apart
         }
 }
 
-/* sums_ab += sum_p left_ap conj(right_bp), rows of P numbers. */
-static inline void add_tile(int64_t P, const number *left, const number *right, number sums[TILE][TILE]) {
-    for (int64_t p = 0; p < P; p++)
-        for (int a = 0; a < TILE; a++)
-            for (int b = 0; b < TILE; b++) {
-                number *sum = &sums[a][b], v = left[a * P + p], w = right[b * P + p];
-                sum->re = sum->re + v.re * w.re + v.im * w.im;
-                sum->im = sum->im + v.im * w.re - v.re * w.im;
-            }
-}
-
 /* C_ij += sign sum_p left_ip conj(right_jp), C (n, m); on and above the diagonal only where both are the same. */
 static void add_product(int64_t n, int64_t m, int64_t k, const number *left, const number *right, double sign,
                         number *C) {
@@ -134,7 +89,7 @@ static void mirror(int64_t n, number *C) {
 }
 
 static number *zeros(int64_t many) {
-    number *found = aligned_alloc(WIDTH, (size_t)many * sizeof(number));
+    number *found = allocate((size_t)(many ? many : 1) * sizeof(number));
     if (found)
         memset(found, 0, (size_t)many * sizeof(number));
     return found;
@@ -148,7 +103,7 @@ static int64_t most(int64_t M, const int64_t *k) {
 }
 
 /* C (F, n, m) = sum over M blocks of A B^H, A (F, n, k) and B (F, m, k), or of A B^T where sign is -1; k (M,). */
-int sum_of_products(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *A, const stack *B,
+KERNEL(sum_of_products)(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *A, const stack *B,
                     int64_t sign, double *C) {
     int64_t K = most(M, k), is_square = sign == 1 && n == m && !memcmp(A, B, (size_t)M * sizeof(stack));
     number *left = zeros((n + m + 2 * TILE) * K + n * m);
@@ -168,12 +123,12 @@ int sum_of_products(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k
             mirror(n, sum);
         put(n, m, sum, m, used, C);
     }
-    free(left);
+    release(left);
     return 0;
 }
 
 /* C (F, n, n) = sum over M blocks of D D^H, D = Y - G U; Y (F, n, k), G (F, n, m), U (F, m, k), k (M,). */
-int sum_of_errors(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *Y, const stack *G,
+KERNEL(sum_of_errors)(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *Y, const stack *G,
                   const stack *U, double *C) {
     int64_t K = most(M, k);
     number *D = zeros((n + TILE) * K + (K + TILE) * m + (n + TILE) * m + n * n);
@@ -193,7 +148,7 @@ int sum_of_errors(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, 
         mirror(n, sum);
         put(n, n, sum, n, used, C);
     }
-    free(D);
+    release(D);
     return 0;
 }
 
@@ -273,7 +228,7 @@ static flags invert(int64_t n, number *Z) {
 }
 
 /* A^-1 by elimination with the largest number of a column as its pivot; n_singular: how many have none. */
-int inverse(int64_t F, int64_t n, const stack *A, double *found, int64_t *n_singular) {
+KERNEL(inverse)(int64_t F, int64_t n, const stack *A, double *found, int64_t *n_singular) {
     size_t size = (size_t)(2 * n * n) * sizeof(number);
     number *Z = zeros(2 * n * n);
     if (!Z)
@@ -289,7 +244,7 @@ int inverse(int64_t F, int64_t n, const stack *A, double *found, int64_t *n_sing
             *n_singular += singular[q] != 0;
         put(n, n, Z + n, 2 * n, used, found);
     }
-    free(Z);
+    release(Z);
     return 0;
 }
 
@@ -362,7 +317,7 @@ static lanes length(int64_t n, int64_t m, const number *x) {
 }
 
 /* Lengths (F, m) of the orthogonal columns of A V, A (F, n, m), V unitary: where m <= n, A's singular values. */
-int singular_values(int64_t F, int64_t n, int64_t m, const stack *A, double *found) {
+KERNEL(singular_values)(int64_t F, int64_t n, int64_t m, const stack *A, double *found) {
     number *X = zeros(n * m);
     if (!X)
         return 1;
@@ -377,14 +332,14 @@ int singular_values(int64_t F, int64_t n, int64_t m, const stack *A, double *fou
                 found[(f + q) * m + j] = value[q];
         }
     }
-    free(X);
+    release(X);
     return 0;
 }
 
 /* sum max(l, 0) v v^H (F, n, n) over eigenvalues l and vectors v of Hermitian A.  Those of A / |A| + 2, which is
    positive definite, are its singular values l / |A| + 2 and vectors: b b^H = (l / |A| + 2)^2 v v^H with orthogonal
    columns b. */
-int positive_part(int64_t F, int64_t n, const stack *A, double *found) {
+KERNEL(positive_part)(int64_t F, int64_t n, const stack *A, double *found) {
     number *X = zeros(n * (n + TILE) * 2 + n * n), *weighted = X + n * (n + TILE), *sum = weighted + n * (n + TILE);
     if (!X)
         return 1;
@@ -408,6 +363,6 @@ int positive_part(int64_t F, int64_t n, const stack *A, double *found) {
         mirror(n, sum);
         put(n, n, sum, n, used, found);
     }
-    free(X);
+    release(X);
     return 0;
 }

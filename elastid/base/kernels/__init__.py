@@ -1,0 +1,96 @@
+"""Kernels in C: a library that is built with the package, each kernel for several levels of processor.
+
+`scripts/kernels_hook.py` compiles the C files of this folder when a wheel or an editable installation is made. Where no
+C compiler was there, NumPy does the same work beside every call, equal to rounding. Which of the two it is depends on
+the installation and the processor alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FOLDER = Path(__file__).parent
+LIBRARY = FOLDER / ("kernels.dll" if sys.platform == "win32" else "kernels.so")
+_BUILD_AGAIN = "install elastid again (in a clone: uv sync --reinstall-package elastid) with a C compiler"
+
+_log = logging.getLogger(__name__)
+
+
+def is_compiled() -> bool:
+    """True if kernels run in C."""
+    return _library() is not None
+
+
+def description() -> str:
+    """The kernels in use and the processor level that they are compiled for, in words."""
+    return f"kernels in C for {_level()}" if is_compiled() else "kernels in NumPy"
+
+
+def call(name: str, *arguments: int | npt.NDArray[Any] | None) -> None:
+    """Call a kernel with 64-bit integers and contiguous arrays; MemoryError where it says so.
+
+    None is a null pointer. Arrays that are not contiguous are copied: output arrays must be. RuntimeError without the
+    library.
+    """
+    contiguous = [np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value for value in arguments]
+    if _kernel(name)(*map(_as_c, contiguous)):
+        raise MemoryError(f"no memory is left for the kernel {name}")
+
+
+def sources_hash() -> str:
+    """SHA-256 of the C files."""
+    digest = hashlib.sha256()
+    for path in sorted(FOLDER.glob("*.[ch]")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """The library; None where none was built, or where it does not load or comes from other sources, with a warning."""
+    if not LIBRARY.exists():
+        return None
+    try:
+        library = ctypes.CDLL(str(LIBRARY))
+        library.sources.restype = library.processor_level.restype = ctypes.c_char_p
+        if library.sources().decode() != sources_hash():
+            raise OSError("it was built from other C files")
+    except (OSError, AttributeError) as error:
+        _log.warning("%s is not used, NumPy does its work: %s; %s", LIBRARY, error, _BUILD_AGAIN)
+        return None
+    return library
+
+
+@cache
+def _level() -> str:
+    """The widest level that the library has for this processor: portable, avx2 or avx512."""
+    library = _library()
+    if library is None:
+        raise RuntimeError(f"there is no library of kernels at {LIBRARY}; {_BUILD_AGAIN}")
+    return str(library.processor_level().decode())
+
+
+@cache
+def _kernel(name: str) -> Callable[..., int]:
+    """The function of a kernel for this processor."""
+    level = _level()
+    return getattr(_library(), f"{name}_{level}")  # type: ignore[no-any-return]
+
+
+def _as_c(argument: int | npt.NDArray[Any] | None) -> object:
+    """An argument of `call` for ctypes."""
+    if not isinstance(argument, np.ndarray):
+        return argument if argument is None else ctypes.c_int64(argument)
+    if argument.size and argument.flags.writeable:
+        return ctypes.byref(ctypes.c_char.from_buffer(argument.data))  # in a quarter of the time
+    return ctypes.c_void_p(argument.ctypes.data)

@@ -1,0 +1,44 @@
+/* Complex numbers of several lines, side by side in the lanes of a register: real and imaginary parts apart. */
+
+#include "registers.h"
+
+#define LANES ((int64_t)(WIDTH / sizeof(double)))
+#define AHEAD 64
+
+typedef double lanes __attribute__((vector_size(WIDTH)));
+typedef struct {
+    lanes re, im;
+} number;
+
+/* Some lines, `apart` complex numbers from each other; the lanes left over are zero.  Lines side by side are asked for
+   AHEAD of time: rows and columns are more streams than the processor follows by itself. */
+static inline number load(const double *from, int64_t apart, int64_t used) {
+    double re[LANES] = {0}, im[LANES] = {0};
+    number found;
+    if (apart == 1 && used == LANES) {
+        __builtin_prefetch(from + AHEAD);
+        __builtin_prefetch(from + AHEAD + 8);
+        for (int64_t q = 0; q < LANES; q++) {
+            re[q] = from[2 * q];
+            im[q] = from[2 * q + 1];
+        }
+    } else
+        for (int64_t q = 0; q < used; q++) {
+            re[q] = from[2 * apart * q];
+            im[q] = from[2 * apart * q + 1];
+        }
+    memcpy(&found.re, re, sizeof re);
+    memcpy(&found.im, im, sizeof im);
+    return found;
+}
+
+/* sums_ab += sum_p left_ap conj(right_bp), rows of P numbers. */
+static inline void add_tile(int64_t P, const number *left, const number *right, number sums[TILE][TILE]) {
+    for (int64_t p = 0; p < P; p++)
+        for (int a = 0; a < TILE; a++)
+            for (int b = 0; b < TILE; b++) {
+                number *sum = &sums[a][b], v = left[a * P + p], w = right[b * P + p];
+                sum->re = sum->re + v.re * w.re + v.im * w.im;
+                sum->im = sum->im + v.im * w.re - v.re * w.im;
+            }
+}
