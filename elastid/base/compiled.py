@@ -37,10 +37,18 @@ _log = logging.getLogger(__name__)
 
 
 def compiler() -> tuple[str, ...]:
-    """The command of the C compiler: $CC, cc, gcc or clang; empty where there is none, or no owners of files."""
+    """The command of the C compiler: $CC, cc, gcc or clang; empty where there is none, or no owners of files.
+
+    A $CC with an unclosed quote names no command.
+    """
     if not hasattr(os, "getuid"):
         return ()
-    for words in (shlex.split(os.environ.get("CC", "")), *([name] for name in COMPILERS)):
+    try:
+        chosen = shlex.split(os.environ.get("CC", ""))
+    except ValueError:
+        _log.debug("CC=%s is no command: a quote is not closed", os.environ["CC"])
+        chosen = []
+    for words in (chosen, *([name] for name in COMPILERS)):
         if words and (found := shutil.which(words[0])):
             return (found, *words[1:])
     return ()

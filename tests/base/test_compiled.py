@@ -57,6 +57,14 @@ def test_arrays_reach_c_whatever_their_strides(source: Path) -> None:
 
 
 @with_compiler
+def test_a_compiler_with_an_unclosed_quote_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended in a traceback of shlex; the compilers of the machine do as well."""
+    without = compiled.compiler()
+    monkeypatch.setenv("CC", 'gcc "')
+    assert compiled.compiler() == without != ()
+
+
+@with_compiler
 def test_other_flags_are_another_library(source: Path) -> None:
     for factor in (2.0, 3.0):
         assert doubled(compiled.loops((source,), f"-DFACTOR={factor}"), np.ones(1)) == factor

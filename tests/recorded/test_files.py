@@ -82,6 +82,34 @@ def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
         measured(tmp_path, study_of("log.mat", (u, y)))
 
 
+@pytest.mark.parametrize(
+    ("line", "delimiter", "headings"),
+    [
+        ('"time, s","torque, motor 1 (Nm)","#3"', ",", ("time, s", "torque, motor 1 (Nm)", "#3")),
+        ('"time; s" ; "torque, 1";x', ";", ("time; s", "torque, 1", "x")),
+        ('  "time s"  "motor 1"\tx # of the bench', "whitespace", ("time s", "motor 1", "x")),
+        ('3" pipe,b,c', ",", ('3" pipe', "b", "c")),
+        ('"say ""stop""","2, 3",4', ",", ('say "stop"', "2, 3", "4")),
+    ],
+)
+def test_headings_in_quotes_are_whole(line: str, delimiter: str, headings: tuple[str, ...], tmp_path: Path) -> None:
+    """Delimiters and signs of comments inside of quotes belong to the heading; a lone quotation mark is an inch."""
+    separator = " " if delimiter == "whitespace" else delimiter
+    rows = "".join(f"{separator.join(map(str, (i, 2 * i, 3 * i)))}\n" for i in range(9))
+    (tmp_path / "log.csv").write_text(f"{line}\n{rows}")
+    text = TextFormatSpec(delimiter, header_lines=1)
+    assert contents(tmp_path / "log.csv", text) == dict.fromkeys(headings, (9,))
+    channel = ChannelSpec("y", "motor 1", headings[1], quantity="position")
+    np.testing.assert_array_equal(read_channels(tmp_path / "log.csv", [channel], text)[:, 0], 2 * np.arange(9))
+
+
+def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
+    """It ended in `damaged, cut short or no text file`."""
+    (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")
+    with pytest.raises(StudyError, match="delimiter is ',,'; give a single character, tab or whitespace"):
+        contents(tmp_path / "log.csv", TextFormatSpec(",,"))
+
+
 def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
