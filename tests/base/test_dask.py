@@ -139,9 +139,7 @@ def test_a_text_that_is_no_address_of_a_scheduler_is_refused(address):
         on_dask(address).__enter__()
 
 
-@pytest.mark.parametrize(
-    "address", ["127.0.0.1:8786", "tcp://[::1]:8786", "tls://head.cluster:1", "inproc://a/1/2", ""]
-)
+@pytest.mark.parametrize("address", ["127.0.0.1:8786", "tcp://[::1]:8786", "tls://head:1", "inproc://a/1/2", ""])
 def test_the_addresses_that_schedulers_print_are_taken(address):
     with on_dask(address):
         pass
