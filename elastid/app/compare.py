@@ -174,10 +174,8 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[Fr
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
-    finished, keys = (
-        Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code),
-        [_key(task, run) for task in tasks],
-    )
+    finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
+    keys = [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)
     if there:
         run.console.say(f"compare: resumed, {there} of {len(tasks)} fits are kept")

@@ -1,7 +1,7 @@
 """Files and folders below a run folder, none of which is reached through a symbolic link.
 
-A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its user
-outside of it. The run folder itself may be a link: its user has named it.
+A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its
+user outside of it. The run folder itself may be a link: its user has named it.
 """
 
 from __future__ import annotations

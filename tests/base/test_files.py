@@ -50,6 +50,6 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
     dangling.symlink_to(elsewhere / "new")
     for path in (link, dangling):
         with pytest.raises((ElastidError, FileExistsError)):
-            open(path, mode, opener=unlinked)
+            open(path, mode, opener=unlinked).close()
     assert (elsewhere / "victim").read_text() == "untouched"
     assert not (elsewhere / "new").exists()
