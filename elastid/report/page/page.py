@@ -23,6 +23,7 @@ from elastid.base.note import grouped
 from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
+from elastid.report.figures.style import own_style
 from elastid.report.friction_rows import friction_rows
 from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import asset, script_policy
@@ -53,6 +54,7 @@ class EmbeddedFigure:
     file: str = ""
 
 
+@own_style()
 def write_report(
     content: ReportContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
@@ -87,6 +89,7 @@ def write_figures(
     return within(embedded, MAX_FIGURE_BYTES)
 
 
+@own_style()
 def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
     """The files of a figure, and what the page has of it."""
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
