@@ -225,7 +225,10 @@ def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs
 ) -> None:
     """In one sentence, for each extra."""
     (tmp_path / "log").write_bytes(start)
-    monkeypatch.setitem(sys.modules, module, None)
+    package, _, rest = module.partition(".")
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text("" if rest else "raise ImportError")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     with pytest.raises(StudyError, match=rf"is not installed; install it with `uv sync --extra {extra}`"):
         contents(tmp_path / "log", TEXT)
 
