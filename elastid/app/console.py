@@ -104,7 +104,7 @@ class _LogFile(logging.FileHandler):
 
     def _open(self) -> TextIOWrapper:
         """ElastidError where it is a link."""
-        return open(self.baseFilename, "a", encoding=self.encoding, errors=self.errors, opener=unlinked)
+        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Nothing: the work goes on."""

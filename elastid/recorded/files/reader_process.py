@@ -19,6 +19,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from importlib import import_module
+from io import BufferedReader
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -97,7 +98,7 @@ def _ask(request: Mapping[str, Any]) -> Any:
 def _exchange(reader: subprocess.Popen[bytes], request: Mapping[str, Any]) -> tuple[Any, NDArray[Any] | None]:
     """The reply, and the values behind it; None of a reader that died."""
     assert reader.stdin is not None
-    assert reader.stdout is not None
+    assert isinstance(reader.stdout, BufferedReader)
     with suppress(BrokenPipeError):
         reader.stdin.write(json.dumps(request).encode() + b"\n")
         reader.stdin.flush()
@@ -105,7 +106,7 @@ def _exchange(reader: subprocess.Popen[bytes], request: Mapping[str, Any]) -> tu
     if reply is None or "dtype" not in reply:
         return reply, None
     values = np.empty(reply["shape"], reply["dtype"])
-    n_bytes = reader.stdout.readinto(values.reshape(-1).view(np.uint8))
+    n_bytes = reader.stdout.readinto(values.reshape(-1).view(np.uint8).data)
     return (reply if n_bytes == values.nbytes else None), values
 
 
@@ -177,15 +178,17 @@ def serve() -> None:
 
 def _limit_memory() -> int:
     """Limit the data of this process; the limit in bytes, 0 on systems without one."""
-    try:
-        import resource
+    if not hasattr(os, "sysconf"):
+        return 0
+    import resource
 
+    try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         limit = max(int(MEMORY_SHARE * memory), MIN_MEMORY_BYTES)
         soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
         limit = min([limit, *(each for each in (soft, hard) if each != resource.RLIM_INFINITY)])
         resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
-    except (ImportError, ValueError, OSError):
+    except (ValueError, OSError):
         return 0
     return limit
 
