@@ -16,7 +16,8 @@ from elastid.app.inspection import described as inspected
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
 from elastid.recorded.files import formats, hdf5
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
@@ -108,6 +109,27 @@ def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")
     with pytest.raises(StudyError, match="delimiter is ',,'; give a single character, tab or whitespace"):
         contents(tmp_path / "log.csv", TextFormatSpec(",,"))
+
+
+def test_a_file_without_signals_says_so(tmp_path: Path) -> None:
+    """`There are ` with nothing behind it."""
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["note"] = "text"
+    for name in ("phi", "note"):
+        channel = ChannelSpec("y", "motor 1", name, quantity="position")
+        with pytest.raises(DataError, match=r"(There are no signals in it|there are none)$"):
+            read_channels(tmp_path / "log.h5", [channel], TextFormatSpec())
+
+
+@pytest.mark.parametrize("rate_hz", [-1.0, 0.0])
+def test_a_sampling_rate_is_positive(rate_hz: float) -> None:
+    """A channel at -1 Hz passed `check`, and logs without a period were read at -1 Hz."""
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        ChannelSpec("y", "motor 1", "phi", quantity="position", rate_hz=rate_hz)
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        RecordedSpec(rate_hz, CHANNELS, (FileSpec("log.csv"),))
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        ResponsesSpec(files=(ResponseFileSpec("frf.csv", "bench"),), rate_hz=rate_hz)
 
 
 def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
