@@ -146,7 +146,7 @@ class ParameterSet:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise UnknownNameError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters)}")
+        raise UnknownNameError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters) or 'none'}")
 
     def index(self, name: str) -> int:
         """The place of a name in theta; UnknownNameError lists the names there are."""

@@ -14,6 +14,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.report.figures import bode as bode_figure
 from elastid.report.figures.friction_curve import friction_curve as curve_figure
 from elastid.report.figures.parameters import forest
+from elastid.report.figures.style import own_style
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse, in_quantity
 
@@ -23,6 +24,7 @@ __all__ = ["bode", "friction_curve", "parameters"]
 N_LINES = 1000
 
 
+@own_style()
 def bode(
     measured: FrequencyResponse, model: FittedModel | FrequencyResponse | None = None, *, band: bool = True
 ) -> Figure:
@@ -51,6 +53,7 @@ def bode(
     return bode_figure.bode(measured, in_quantity(modelled, measured.quantity), std)
 
 
+@own_style()
 def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> Figure:
     """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known.
 
@@ -62,6 +65,7 @@ def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> F
     return forest(parameter_rows(result, truth))
 
 
+@own_style()
 def friction_curve(result: FrictionResult, joint: str) -> Figure:
     """Levels and law of friction of one joint over speed, with the 95 % band.
 

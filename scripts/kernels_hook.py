@@ -53,7 +53,10 @@ class KernelsHook(BuildHookInterface):  # type: ignore[misc]
 
 def compiler(target: str) -> list[str]:
     """The command of the C compiler; OSError without one."""
-    given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    try:
+        given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    except ValueError as error:
+        raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
     names = (
         [given] if given else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
     )

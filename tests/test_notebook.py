@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from plants.elastic_arm import arm, measure, started_elsewhere
 from plants.friction_study import friction_result
@@ -93,6 +94,12 @@ def test_figures_are_drawn_of_values(measured, result) -> None:
     assert not elastid.plot.bode(measured[0], model, band=False).axes[0].collections
     assert isinstance(elastid.plot.friction_curve(friction_result(), "elbow"), Figure)
     assert elastid.plot.parameters(fit_result(), TRUTH)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_figure_of_a_notebook_has_the_style_of_the_page() -> None:
+    picture = elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_()
+    with rc_context({"font.size": 22, "axes.facecolor": "black", "figure.dpi": 40, "savefig.transparent": True}):
+        assert elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_() == picture
 
 
 def test_figures_refuse_what_does_not_belong_together(measured, result) -> None:

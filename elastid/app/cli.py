@@ -13,7 +13,7 @@ import click
 from elastid import __version__
 from elastid.app.endings import explained, interrupted
 from elastid.app.help import InOrderOfWork
-from elastid.app.process import insisting, one_blas_thread
+from elastid.app.process import insisting, libraries_off_terminal, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def main() -> None:
 def run_command(arguments: Sequence[str]) -> int:
     """A command, and its exit code however it ends (`elastid.app.endings`)."""
     try:
-        with insisting() as pressed:
+        with libraries_off_terminal(), insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
         return interrupted(arguments)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -17,6 +16,7 @@ from elastid.app.run import Run
 from elastid.app.stages.report import report
 from elastid.base.errors import StudyError
 from elastid.base.execution import in_order, resumed
+from elastid.base.files import clear_folder, own_path
 from elastid.base.numbers import number
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
@@ -59,7 +59,7 @@ def finish(run: Run, comparison: Comparison) -> None:
     """Write a comparison, say how it came out, and show it in the report where there is one."""
     write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
     keep_checksums(run.folder, [RESULT])
-    shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
+    clear_folder(run.folder, PARTIAL)
     run.console.table(comparison_table(comparison))
     run.console.say(f"compare: {comparison.verdict}")
     run.console.say(str(run.folder / RESULT))
@@ -174,7 +174,8 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[Fr
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
-    finished, keys = Checkpoint(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
+    finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
+    keys = [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)
     if there:
         run.console.say(f"compare: resumed, {there} of {len(tasks)} fits are kept")

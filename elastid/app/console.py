@@ -7,9 +7,11 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
 
 from elastid.base.execution import Progress, silent
+from elastid.base.files import unlinked
 from elastid.base.note import Note, grouped
 from elastid.base.printable import printable
 
@@ -99,6 +101,10 @@ class Console:
 
 class _LogFile(logging.FileHandler):
     """run.log; on a full disk its lines are lost without a word: the result that cannot be written is named."""
+
+    def _open(self) -> TextIOWrapper:
+        """ElastidError where it is a link."""
+        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Nothing: the work goes on."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
+from elastid.base.files import clear_folder
 from elastid.export.intervals import interval_lines
 from elastid.export.observer import Observer, write_observers
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
@@ -35,8 +35,7 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    folder = run.folder / "export" / target
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "export", target)
     models = models_by_group(result, run.study.as_robot(), responses, run.study.model, run.study.name)
     if any(models):
         each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
@@ -64,8 +63,7 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
             "and take that file as the robot of an elastic study, or to observer, which follows friction"
         )
     run.require_result("friction")
-    folder = run.folder / "export" / ROBOT
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "export", ROBOT)
     result = read_friction_result(run.path("friction"))
     return _said(run, (_written(folder, robot_of_friction(run.study, result)),))
 
@@ -75,8 +73,7 @@ def _export_observers(run: Run) -> tuple[Path, ...]:
     if "follow" not in run.stages:
         run.require_stage("follow")
     run.require_result("follow")
-    folder = run.folder / "export" / OBSERVER
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "export", OBSERVER)
     found = read_filter(run.path("follow"))
     observers = {each.joint: Observer(each.filtered, each.noise, each.rate_hz) for each in found}
     return _said(run, write_observers(folder, observers))
@@ -97,8 +94,7 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
             f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it"
         )
     run.require_result("estimate")
-    folder = run.folder / "export" / target
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "export", target)
     return _said(run, RESPONSE_TARGETS[target](folder, run.study.name, read_responses(run.path("estimate"))))
 
 

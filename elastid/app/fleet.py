@@ -21,6 +21,7 @@ from elastid.app.provenance import software
 from elastid.app.run import Run, logged_in, run_all
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
+from elastid.base.files import make_folder, own_path
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
 from elastid.store import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
@@ -104,12 +105,14 @@ def _check(fleet: Fleet, folder: Path) -> None:
     if wrong:
         raise StudyError("\n".join([*wrong[:MAX_LISTED], *_and_more(len(wrong))]))
     try:
-        (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
+        make_folder(folder, MEMBERS)
     except OSError as error:
         reason = error.strerror or str(error)
         raise StudyError(
             f"{folder}: no results can be written there ({reason}); give another folder by --run"
         ) from None
+    for member in fleet.members:
+        own_path(folder, MEMBERS, member.name)
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:

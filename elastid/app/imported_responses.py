@@ -62,7 +62,7 @@ def _of_another_run(
     found = {response.configuration.name: response for response in read_responses(path)}
     name = file.response or configuration.name
     if name not in found:
-        raise StudyError(f"{path}: no response of configuration {name} in it; there are {', '.join(found)}")
+        raise StudyError(f"{path}: no response of configuration {name} in it; there are {', '.join(found) or 'none'}")
     response = found[name]
     angles = response.configuration.angles
     if study.robot is None:  # places are names, whatever they were measured on

@@ -52,6 +52,21 @@ def insisting() -> Iterator[Event]:
             signal(number, handler)
 
 
+@contextmanager
+def libraries_off_terminal() -> Iterator[None]:
+    """Warnings of Python and log records of libraries go to run.log where one is written, and else nowhere."""
+    import logging
+
+    nowhere = logging.NullHandler()  # without any handler Python prints the records
+    logging.captureWarnings(True)
+    logging.getLogger().addHandler(nowhere)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(nowhere)
+        logging.captureWarnings(False)
+
+
 def one_blas_thread() -> None:
     """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):

@@ -21,6 +21,7 @@ from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
+from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store import (
     Stamp,
@@ -72,7 +73,7 @@ class Run:
 
     def partial(self, stage: str) -> Path:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
-        return self.path(stage).with_suffix(".partial")
+        return own_path(self.folder, self.path(stage).with_suffix(".partial").name)
 
     def resumed(self, stage: str) -> Checkpoint:
         """The finished parts of an interrupted stage: of this study, by this code, from the very files it reads."""

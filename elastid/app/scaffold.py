@@ -8,6 +8,7 @@ from pathlib import Path
 
 from elastid.app.example_logs import EXAMPLE_LOGS
 from elastid.base.errors import StudyError
+from elastid.base.files import unlinked
 from elastid.study import SCHEMA_NAME, make_schema
 
 DEMO = "serial"
@@ -42,4 +43,6 @@ def _write_template(folder: Path, template: str) -> None:
 
 def _write(path: Path, text: str) -> None:
     if not path.exists():
-        path.write_text(text, encoding="utf-8", newline="\n")
+        # Not through a link to a file that is yet to be made.
+        with open(path, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
+            file.write(text)

@@ -9,8 +9,9 @@ from contextvars import ContextVar
 from functools import partial
 from importlib.util import find_spec
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, StudyError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -18,6 +19,8 @@ Value = TypeVar("Value")
 # Seconds for a Dask scheduler to answer, and for the first worker to start, or to start again.
 ANSWER_S = 10.0
 WORKERS_S = 120.0
+# Schemes of an address over a network; those with True need certificates from the configuration of Dask.
+SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True, "ucx": False}
 # Address of the scheduler that work goes to; empty where it stays on this machine.
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
@@ -26,15 +29,32 @@ SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 def on_dask(address: str) -> Iterator[None]:
     """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
 
-    Raises ElastidError where Dask is not installed.
+    Raises ElastidError where Dask is not installed, StudyError for a text that is no address.
     """
     if address and find_spec("distributed") is None:
         raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
+    if address and not _is_address(address):
+        raise StudyError(
+            f"--dask {address}: not the address of a Dask scheduler; give scheme, host and port as the scheduler "
+            "prints them, such as tcp://10.0.0.7:8786"
+        )
     token = SCHEDULER.set(address)
     try:
         yield
     finally:
         SCHEDULER.reset(token)
+
+
+def _is_address(address: str) -> bool:
+    """True for [scheme://]host:port, and for inproc://host/process/number, a cluster within this process."""
+    scheme, separator, place = address.rpartition("://")
+    if scheme == "inproc":
+        return len(place.split("/")) == 3
+    try:
+        parts = urlsplit(address if separator else f"tcp://{address}")
+        return parts.scheme in SCHEMES and bool(parts.hostname and parts.port) and not any(map(str.isspace, address))
+    except ValueError:  # a port that is no number, or an unclosed bracket
+        return False
 
 
 @contextmanager
@@ -77,6 +97,7 @@ def _client(address: str) -> Iterator[Any]:
     """A Dask cluster; ElastidError where no scheduler answers, or where one item kills all its workers."""
     from distributed import Client, KilledWorker
 
+    _require_certificates(address)
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except OSError as error:
@@ -89,6 +110,17 @@ def _client(address: str) -> Iterator[Any]:
         ) from error
     finally:
         client.close()
+
+
+def _require_certificates(address: str) -> None:
+    """ElastidError where an encrypted connection is asked for and Dask has no certificates for it."""
+    from distributed.security import Security
+
+    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
+        raise ElastidError(
+            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
+            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
+        )
 
 
 def _applied(function: Callable[[Item], Value], item: Item) -> Value:

@@ -58,7 +58,7 @@ class Named(dict[str, T]):
 
     def __missing__(self, name: str) -> T:
         """UnknownNameError."""
-        raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self)}")
+        raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self) or 'none'}")
 
     def __reduce__(self) -> tuple[type[Named[T]], tuple[str, dict[str, T]]]:
         """So that workers get it whole."""
@@ -82,7 +82,7 @@ def index_of(name: str, names: Sequence[str], noun: str) -> int:
     elastid.base.errors.UnknownNameError: no parameter k_3; there are k_1, k_2
     """
     if name not in names:
-        raise UnknownNameError(f"no {noun} {name}; there are {', '.join(names)}")
+        raise UnknownNameError(f"no {noun} {name}; there are {', '.join(names) or 'none'}")
     return names.index(name)
 
 
@@ -104,4 +104,4 @@ def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -
     """
     names = list(known)
     close = get_close_matches(name, [*names, *further], n=1)
-    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"

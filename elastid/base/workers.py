@@ -6,6 +6,7 @@ models that they have built.
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -175,6 +176,9 @@ _FUNCTION: list[Callable[[Any], Any]] = []
 
 def _start_worker() -> None:
     signal(SIGINT, SIG_IGN)
+    # Words of libraries are not for the terminal.
+    logging.captureWarnings(True)
+    logging.getLogger().addHandler(logging.NullHandler())
     Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -163,7 +163,7 @@ class FitResult:
         names = self.parameters.free_names
         if name not in names:
             why = "is held or tied" if name in self.values else "is no parameter of this fit"
-            raise UnknownNameError(f"{name} {why}; identified are {', '.join(names)}")
+            raise UnknownNameError(f"{name} {why}; identified are {', '.join(names) or 'none'}")
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])

@@ -200,7 +200,7 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
         if file.configuration not in spec.configurations:
             raise StudyError(
                 f"file {file.path}: configuration '{file.configuration}' is not under experiment.configurations; "
-                f"there are {', '.join(spec.configurations)}"
+                f"there are {', '.join(spec.configurations) or 'none'}"
             )
         key = (file.configuration, file.realisation, file.experiment)
         if key in seen:

@@ -118,7 +118,8 @@ class _Reader:
         moving = [joint.text("name") for joint in self.root.all("joint") if joint.text("type") != "fixed"]
         for name in self.known:
             if name not in moving:
-                raise StudyError(f"joints: {self.root.path} has no moving joint {name}; there are {', '.join(moving)}")
+                listed = ", ".join(moving) or "none"
+                raise StudyError(f"joints: {self.root.path} has no moving joint {name}; there are {listed}")
         bodies: list[Body] = []
         frames = [Frame(roots[0], BASE)]
         waiting = [(joint, _Seat(BASE, np.eye(3), np.zeros(3))) for joint in self.below.get(roots[0], [])]

@@ -43,7 +43,10 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
 
 def compiler() -> list[str]:
     """The command of the C compiler: $CC, otherwise cc, gcc or clang; OSError where there is none."""
-    given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    try:
+        given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    except ValueError as error:
+        raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
     for name, *words in [given] if given else [[name] for name in COMPILERS]:
         path = shutil.which(name)
         if path:

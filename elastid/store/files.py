@@ -90,6 +90,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     # Its own name, so that two programs that make the same file do not write into each other's.
     temporary = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    temporary.unlink(missing_ok=True)  # a link would be followed
     try:
         yield temporary
         with temporary.open("r+b") as file:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from elastid.base.errors import ElastidError
+from elastid.base.files import unlinked
 
 LOCK = ".lock"
 # Windows locks bytes, and keeps others from reading those: one far behind the owner's name.
@@ -24,6 +25,8 @@ _BYTE = 1 << 20
 @contextmanager
 def one_writer(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
+
+    ElastidError, too, where the file of the lock is a link.
 
     On a disk whose system knows no locks it is not guarded.
     """
@@ -47,11 +50,11 @@ def one_writer(folder: Path) -> Iterator[None]:
 def _locked(path: Path) -> Iterator[BinaryIO]:
     """The locked file, which is still the one of that name."""
     while True:
-        with path.open("a+b") as file:
+        with open(path, "a+b", opener=unlinked) as file:
             if not _lock(file):
                 raise ElastidError(_refusal(path))
             # Between opening and locking, the owner may have removed it.
-            if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+            if os.path.lexists(path) and os.path.samestat(os.fstat(file.fileno()), path.lstat()):
                 yield file
                 return
 

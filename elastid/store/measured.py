@@ -65,7 +65,7 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
         names = {name: str(file[key(name)].attrs["configuration"]) for name in texts(file, "record")}
         if configuration not in (None, *names.values()):
             known = ", ".join(dict.fromkeys(names.values()))
-            raise DataError(f"{path}: no records of configuration {configuration}; there are {known}")
+            raise DataError(f"{path}: no records of configuration {configuration}; there are {known or 'none'}")
         for name, of in names.items():
             if configuration in (None, of):
                 yield _read_record(file[key(name)], name)

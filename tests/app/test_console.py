@@ -2,10 +2,12 @@
 
 import errno
 import logging
+import os
 from pathlib import Path
 
 import pytest
 
+from elastid.app import console as console_module
 from elastid.app.console import Console
 
 
@@ -19,9 +21,9 @@ def test_a_warning_outside_a_run_is_printed_once(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
-def test_a_full_disk_is_named_by_the_result_and_not_by_the_log(tmp_path: Path) -> None:
+def test_a_full_disk_is_named_by_the_result_and_not_by_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The log's own lines are lost without a word, also those that are left when it is closed."""
-    (tmp_path / "run.log").symlink_to("/dev/full")
+    monkeypatch.setattr(console_module, "unlinked", lambda path, flags: os.open("/dev/full", os.O_WRONLY))
 
     def measure() -> None:
         console = Console(-1)

@@ -9,7 +9,7 @@ import pytest
 from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.cluster import on_dask
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, StudyError
 from elastid.base.execution import ordered, surviving
 from elastid.fit.solve.multistart import multistart, spread
 
@@ -127,4 +127,25 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     """Nobody listens there."""
     monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
     with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
+        ordered(abs, [1, 2], 1)
+
+
+@pytest.mark.parametrize(
+    "address", ["x", "tcp://", "host:notaport", "host:99999", "foo://x:1", "inproc://x", "tcp://[::1", ":", "a b:1"]
+)
+def test_a_text_that_is_no_address_of_a_scheduler_is_refused(address):
+    """Each ended in a traceback of Dask's parser, some of them after hours of work."""
+    with pytest.raises(StudyError, match=r"not the address of a Dask scheduler; give scheme, host and port"):
+        on_dask(address).__enter__()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:8786", "tcp://[::1]:8786", "tls://head:1", "inproc://a/1/2", ""])
+def test_the_addresses_that_schedulers_print_are_taken(address):
+    with on_dask(address):
+        pass
+
+
+def test_an_encrypted_scheduler_without_certificates_is_a_sentence():
+    """It was a TypeError of the context of its sockets, and a second traceback when the process ended."""
+    with on_dask("tls://127.0.0.1:1"), pytest.raises(ElastidError, match="needs certificates, and none are configured"):
         ordered(abs, [1, 2], 1)

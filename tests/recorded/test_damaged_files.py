@@ -10,10 +10,10 @@ from plants.lab_logs import CHANNELS, measured, save_csv, study_of
 from scipy.io import savemat
 
 from elastid.app.inspection import described
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import matlab_5
-from elastid.recorded.files.formats import contents
+from elastid.recorded.files.formats import contents, opened_log, read_channels
 
 
 def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -35,7 +35,7 @@ def test_what_matlab_files_hold_comes_whole_from_the_process_that_reads(tmp_path
     cells[:] = [np.arange(3), "ab"]
     values = {"a": np.array([[1 + 2j, 3]]), "b": np.array([[True, False]]), "c": cells, "s": {"x": np.float32([1, 2])}}
     savemat(tmp_path / "log.mat", values | {"sparse": eye_array(5)})
-    with matlab_5.opened(tmp_path / "log.mat", TextFormatSpec()) as log:
+    with opened_log(tmp_path / "log.mat", TextFormatSpec()) as log:
         found = {name: (array.shape, array.dtype.kind, array.read().tolist()) for name, array in log.arrays.items()}
     assert found == {
         "a": ((1, 2), "c", [[1 + 2j, 3]]),
@@ -53,6 +53,59 @@ def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, 
     monkeypatch.chdir(tmp_path)
     assert contents(Path("log.mat"), TextFormatSpec()) == {"a": (1, 5)}
     assert not Path("loaded").exists()
+
+
+def test_a_reader_that_died_is_followed_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The next file is read as if nothing had been."""
+    (tmp_path / "nptdms.py").write_text("import os\n\nos._exit(9)\n")
+    (tmp_path / "log.tdms").write_bytes(b"TDSm")
+    savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    for _ in range(2):
+        with pytest.raises(DataError, match=r"log\.tdms: damaged.*\(the process that read it died, exit code 9\)"):
+            contents(tmp_path / "log.tdms", TextFormatSpec())
+        assert contents(tmp_path / "log.mat", TextFormatSpec()) == {"a": (1, 5)}
+
+
+def test_a_length_that_no_file_has_is_damage_and_no_lack_of_memory(tmp_path: Path):
+    """The first record of an MCAP file says that it is 2^62 bytes long: `the study asks for more memory`."""
+    for length in (2**62, 2**36):
+        record = b"\x01" + length.to_bytes(8, "little")
+        (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n" + record + bytes(64) + b"\x89MCAP0\r\n")
+        with pytest.raises(DataError, match=r"log\.mcap: damaged, cut short or no ROS bag file \(.*\); copy it again"):
+            contents(tmp_path / "log.mcap", TextFormatSpec())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no limit on the data of a process")
+def test_a_reader_has_a_limit_of_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A library that believes a length of 2^44 is stopped where it asks for the memory."""
+    (tmp_path / "nptdms.py").write_text("held = bytearray(1 << 44)\n")
+    (tmp_path / "log.tdms").write_bytes(b"TDSm")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with pytest.raises(DataError, match=r"damaged.*\(its reader asks for more than [\d.]+ GB of memory\); copy it"):
+        contents(tmp_path / "log.tdms", TextFormatSpec())
+
+
+def test_words_of_a_library_do_not_reach_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    """Nor do they fall between the replies of the process that reads."""
+    (tmp_path / "nptdms.py").write_text(
+        "import sys\n\nprint('out')\nprint('err', file=sys.stderr)\nraise ImportError\n"
+    )
+    (tmp_path / "log.tdms").write_bytes(b"TDSm")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with pytest.raises(StudyError, match="nptdms, which is not installed"):
+        contents(tmp_path / "log.tdms", TextFormatSpec())
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path):
+    """The process keeps the last file open."""
+    channel = ChannelSpec("y", "motor 1", "a", quantity="position")
+    for last in (4.0, 7.0):
+        savemat(tmp_path / "log.mat", {"a": np.append(np.arange(4.0), last)})
+        assert read_channels(tmp_path / "log.mat", [channel], TextFormatSpec())[-1] == last
 
 
 @pytest.mark.parametrize("placeholder", [1e308, -1e120])

@@ -16,7 +16,8 @@ from elastid.app.inspection import described as inspected
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
 from elastid.recorded.files import formats, hdf5
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
@@ -80,6 +81,55 @@ def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
     y = ChannelSpec("y", "motor 1", name, column or (None if name else 1), "position")
     with pytest.raises(DataError, match=message):
         measured(tmp_path, study_of("log.mat", (u, y)))
+
+
+@pytest.mark.parametrize(
+    ("line", "delimiter", "headings"),
+    [
+        ('"time, s","torque, motor 1 (Nm)","#3"', ",", ("time, s", "torque, motor 1 (Nm)", "#3")),
+        ('"time; s" ; "torque, 1";x', ";", ("time; s", "torque, 1", "x")),
+        ('  "time s"  "motor 1"\tx # of the bench', "whitespace", ("time s", "motor 1", "x")),
+        ('3" pipe,b,c', ",", ('3" pipe', "b", "c")),
+        ('"say ""stop""","2, 3",4', ",", ('say "stop"', "2, 3", "4")),
+    ],
+)
+def test_headings_in_quotes_are_whole(line: str, delimiter: str, headings: tuple[str, ...], tmp_path: Path) -> None:
+    """Delimiters and signs of comments inside of quotes belong to the heading; a lone quotation mark is an inch."""
+    separator = " " if delimiter == "whitespace" else delimiter
+    rows = "".join(f"{separator.join(map(str, (i, 2 * i, 3 * i)))}\n" for i in range(9))
+    (tmp_path / "log.csv").write_text(f"{line}\n{rows}")
+    text = TextFormatSpec(delimiter, header_lines=1)
+    assert contents(tmp_path / "log.csv", text) == dict.fromkeys(headings, (9,))
+    channel = ChannelSpec("y", "motor 1", headings[1], quantity="position")
+    np.testing.assert_array_equal(read_channels(tmp_path / "log.csv", [channel], text)[:, 0], 2 * np.arange(9))
+
+
+def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
+    """It ended in `damaged, cut short or no text file`."""
+    (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")
+    with pytest.raises(StudyError, match="delimiter is ',,'; give a single character, tab or whitespace"):
+        contents(tmp_path / "log.csv", TextFormatSpec(",,"))
+
+
+def test_a_file_without_signals_says_so(tmp_path: Path) -> None:
+    """`There are ` with nothing behind it."""
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["note"] = "text"
+    for name in ("phi", "note"):
+        channel = ChannelSpec("y", "motor 1", name, quantity="position")
+        with pytest.raises(DataError, match=r"(There are no signals in it|there are none)$"):
+            read_channels(tmp_path / "log.h5", [channel], TextFormatSpec())
+
+
+@pytest.mark.parametrize("rate_hz", [-1.0, 0.0])
+def test_a_sampling_rate_is_positive(rate_hz: float) -> None:
+    """A channel at -1 Hz passed `check`, and logs without a period were read at -1 Hz."""
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        ChannelSpec("y", "motor 1", "phi", quantity="position", rate_hz=rate_hz)
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        RecordedSpec(rate_hz, CHANNELS, (FileSpec("log.csv"),))
+    with pytest.raises(ValueError, match=f"rate_hz is {rate_hz:g}; it must be positive"):
+        ResponsesSpec(files=(ResponseFileSpec("frf.csv", "bench"),), rate_hz=rate_hz)
 
 
 def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(

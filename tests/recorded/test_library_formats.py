@@ -202,6 +202,17 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     )
 
 
+def test_a_negative_increment_of_tdms_is_no_rate(tmp_path: Path) -> None:
+    """`inspect` showed a signal at -1 Hz."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(tmp_path / "log.tdms") as file:
+        file.write_segment([ChannelObject("g", "torque", np.arange(9.0), {"wf_increment": -1.0})])
+    with formats.opened_log(tmp_path / "log.tdms", TEXT) as log:
+        assert isinstance(log, ArrayLog)
+        assert log.arrays["g/torque"].rate_hz is None
+
+
 def test_times_of_tdms_are_seconds(tmp_path: Path) -> None:
     """From the first."""
     from nptdms import ChannelObject, TdmsWriter
@@ -225,7 +236,10 @@ def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs
 ) -> None:
     """In one sentence, for each extra."""
     (tmp_path / "log").write_bytes(start)
-    monkeypatch.setitem(sys.modules, module, None)
+    package, _, rest = module.partition(".")
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text("" if rest else "raise ImportError")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     with pytest.raises(StudyError, match=rf"is not installed; install it with `uv sync --extra {extra}`"):
         contents(tmp_path / "log", TEXT)
 

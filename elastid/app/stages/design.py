@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from elastid.app.run import Run
 from elastid.app.tables import forecast_table
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
+from elastid.base.files import clear_folder
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
 from elastid.experiment.plan.plan import Plan
@@ -49,8 +49,7 @@ def design(run: Run) -> None:
 
 def _write_references(run: Run, plan: Plan, execution: Execution) -> tuple[Reference, ...]:
     """references/*.csv; the movement in each configuration."""
-    folder = run.folder / "references"
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "references")
     carrier = run.study.experiment.as_simulated().carrier
     write = partial(_write_configuration, folder, plan, carrier, run.study.as_robot())
     return tuple(execution.ordered(write, plan.configurations))

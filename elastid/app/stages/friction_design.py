@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
-
 from elastid.app.run import Run
+from elastid.base.files import clear_folder
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
@@ -32,8 +31,7 @@ def friction_plan(study: Study) -> FrictionPlan:
 
 
 def _write_references(run: Run, plan: FrictionPlan) -> None:
-    folder = run.folder / "references"
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = clear_folder(run.folder, "references")
     limits = {each.joint: each.limits for each in plan.designs}
     for motion in plan.motions:
         path = folder / f"{motion.name}.csv"

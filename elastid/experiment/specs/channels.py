@@ -22,6 +22,12 @@ MOTIONS = tuple(MOTION_UNIT)
 TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
 
 
+def check_rate(rate_hz: float | str | None) -> None:
+    """ValueError where a sampling rate is given as a number that is not positive."""
+    if isinstance(rate_hz, float | int) and not rate_hz > 0:
+        raise ValueError(f"rate_hz is {rate_hz:g}; it must be positive")
+
+
 @section
 class ChannelSpec:
     """One signal of the log files: its place in the file, and its place and quantity on the robot or structure.
@@ -98,6 +104,7 @@ class ChannelSpec:
             raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
+        check_rate(self.rate_hz)
 
     @property
     def is_motion(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 from elastid.base.section import section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.cascade import CascadeSpec
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, check_rate
 from elastid.record import Hold
 
 Period: TypeAlias = Time | Literal["find", "none"]
@@ -131,6 +131,7 @@ class RecordedSpec:
 
     def __post_init__(self) -> None:
         """One period at most; at least one input and one output."""
+        check_rate(self.rate_hz)
         self._check_files_and_rates()
         _check_period(self.period, self.period_samples)
         periods = (self.period, *(file.period for file in self.files))

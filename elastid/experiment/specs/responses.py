@@ -6,7 +6,7 @@ from typing import Literal
 
 from elastid.base.section import section
 from elastid.base.units import Frequency
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, check_rate
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.record import Hold
 
@@ -100,6 +100,7 @@ class ResponsesSpec:
         """At least one file; inputs and outputs, or no channels at all."""
         if not self.files:
             raise ValueError("files is empty; list at least one file")
+        check_rate(self.rate_hz)
         roles = {channel.role for channel in self.channels}
         if self.channels and roles != {"u", "y"}:
             raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")

@@ -278,7 +278,7 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearM
         if missing:
             raise StudyError(
                 f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
-                f"the model has not; there are {', '.join(there)}"
+                f"the model has not; there are {', '.join(there) or 'none'}"
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]

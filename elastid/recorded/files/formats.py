@@ -1,7 +1,7 @@
 """The formats of log files: one row for each reader, chosen by the first bytes of a file.
 
 A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
-the entry point group `elastid.readers`.
+the entry point group `elastid.readers`.  `guarded` has a reader work in a process of its own.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import hdf5, matlab_5, matlab_73, parquet, ros_bag, tdms, text
 from elastid.recorded.files.log import ArrayLog, Log
+from elastid.recorded.files.reader_process import guarded
 
 # First bytes of a file that are looked at; HDF5 after a user block of 4096 bytes is recognised.
 _HEAD_BYTES = 4104
@@ -43,12 +44,12 @@ class Format:
 _ENTRY_POINTS = "elastid.readers"
 # The first that recognises a file reads it.
 FORMATS = (
-    Format("ROS bag", ros_bag.recognises, ros_bag.opened, "copy it again with all files of its folder"),
-    Format("TDMS", tdms.recognises, tdms.opened, "copy it or export it again"),
-    Format("Parquet", parquet.recognises, parquet.opened, "copy it or export it again"),
+    Format("ROS bag", ros_bag.recognises, guarded(ros_bag.__name__), "copy it again with all files of its folder"),
+    Format("TDMS", tdms.recognises, guarded(tdms.__name__), "copy it or export it again"),
+    Format("Parquet", parquet.recognises, guarded(parquet.__name__), "copy it or export it again"),
     Format("MATLAB 7.3", matlab_73.recognises, matlab_73.opened, "copy it or save it again"),
     Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
-    Format("MATLAB", matlab_5.recognises, matlab_5.opened, "copy it or save it again with -v7"),
+    Format("MATLAB", matlab_5.recognises, guarded(matlab_5.__name__), "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),
 )
 

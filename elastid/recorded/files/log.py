@@ -133,7 +133,7 @@ class ArrayLog:
             array = self.arrays[name]
             raise DataError(
                 f"{self.path}: channel {name} is no signal but {array.dtype} of shape {array.shape}; "
-                f"there are {', '.join(shapes)}"
+                f"there are {', '.join(shapes) or 'none'}"
             )
         return self.arrays[name]
 
@@ -176,7 +176,7 @@ def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     what = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
-    return f"{path}: {what}; {hint}There are {', '.join(listed[:_MAX_LISTED])}{more}"
+    return f"{path}: {what}; {hint}There are {', '.join(listed[:_MAX_LISTED]) or 'no signals in it'}{more}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:

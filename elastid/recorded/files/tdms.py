@@ -38,7 +38,7 @@ def _stored(channel: Any) -> StoredArray:
         np.dtype(np.float64) if is_time else channel.dtype,
         partial(_read, channel),
         "s" if is_time else str(channel.properties.get("unit_string", "")),
-        rate_hz=1 / step if step else None,
+        rate_hz=1 / step if step > 0 else None,
         rows=partial(_read, channel),
     )
 

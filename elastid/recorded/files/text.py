@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import codecs
+import csv
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -131,6 +133,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         raise StudyError(
             f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is usually ';'"
         )
+    if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
+        raise StudyError(f"text: delimiter is '{text.delimiter}'; give a single character, tab or whitespace")
     lines = _decoded(path.read_bytes()).splitlines()
     numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
     first = text.header_lines
@@ -200,12 +204,35 @@ def _delimiter(text: TextFormatSpec) -> str | None:
 
 
 def _fields(line: str, text: TextFormatSpec) -> list[str]:
-    content = line.split(text.comment, 1)[0] if text.comment else line
+    """The fields of a line, quoted ones whole; none of a comment or an empty line."""
+    # The sign of an inch is a lone quotation mark, and quotes nothing.
+    is_quoted = line.count('"') > 0 and line.count('"') % 2 == 0
+    content = _without_comment(line, text.comment, is_quoted)
     if not content.strip():
         return []
-    fields = [field.strip().strip('"').strip() for field in content.split(_delimiter(text))]
+    delimiter = _delimiter(text)
+    row = _quoted(content, delimiter) if is_quoted else [field.strip(' \t"') for field in content.split(delimiter)]
+    fields = [field.strip() for field in row]
     # Many loggers end every line of data, but not the headings, with a delimiter.
     return fields if fields[-1] else fields[:-1]
+
+
+def _quoted(content: str, delimiter: str | None) -> list[str]:
+    """The fields of a line with quotes, within which a delimiter has no meaning; None: any white space."""
+    if delimiter is None:
+        content, delimiter = re.sub(r"\s", " ", content).strip(), " "
+    try:
+        return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:  # a field of more than 128 KB: no line of a log
+        return content.split(delimiter)
+
+
+def _without_comment(line: str, comment: str, is_quoted: bool) -> str:
+    """A line up to its comment, whose sign has no meaning within quotes."""
+    start = line.find(comment) if comment else -1
+    while start >= 0 and is_quoted and line.count('"', 0, start) % 2:
+        start = line.find(comment, start + 1)
+    return line if start < 0 else line[:start]
 
 
 def _is_number(field: str) -> bool:

@@ -66,7 +66,7 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
         lacking = columns.response if G is None else columns.frequency
-        there = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items())
+        there = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
         raise DataError(f"{path}: no {lacking} in it; name response and frequency under columns. There are {there}")
     freq = _frequencies(leaves[columns.frequency])
     std = complex_array(leaves, columns.std) if columns.std else None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context, rcdefaults
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -40,8 +42,21 @@ MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
 MAX_LARGE_POINTS = 300
 
 
+@contextmanager
+def own_style() -> Iterator[None]:
+    """Matplotlib's own defaults for the figures that are drawn or saved inside, whatever a matplotlibrc says."""
+    with rc_context():
+        rcdefaults()
+        yield
+
+
 class ShownFigure(Figure):
     """A figure that a notebook shows as the value of a cell, whether pyplot is loaded or not."""
+
+    @own_style()
+    def savefig(self, fname: Any, *, transparent: bool | None = None, **options: Any) -> None:
+        """As that of matplotlib, in the style of all figures."""
+        super().savefig(fname, transparent=transparent, **options)
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import os
-import shutil
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,10 +18,12 @@ from PIL import Image
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
+from elastid.base.files import clear_folder
 from elastid.base.note import grouped
 from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
+from elastid.report.figures.style import own_style
 from elastid.report.friction_rows import friction_rows
 from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import asset, script_policy
@@ -53,6 +54,7 @@ class EmbeddedFigure:
     file: str = ""
 
 
+@own_style()
 def write_report(
     content: ReportContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
@@ -76,8 +78,7 @@ def write_figures(
     execution: Execution | None = None,
 ) -> list[EmbeddedFigure]:
     """folder/figures/* anew, and folder/report.pdf with the front pages before them; the same as figures of a page."""
-    figures, paper = folder / "figures", folder / "report.pdf"
-    shutil.rmtree(figures, ignore_errors=True)
+    figures, paper = clear_folder(folder, "figures"), folder / "report.pdf"
     paper.unlink(missing_ok=True)
     figures.mkdir(parents=True)
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
@@ -88,6 +89,7 @@ def write_figures(
     return within(embedded, MAX_FIGURE_BYTES)
 
 
+@own_style()
 def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
     """The files of a figure, and what the page has of it."""
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
@@ -180,7 +182,8 @@ def write_whole(path: Path, data: bytes) -> None:
     """Under a temporary name first, so that a killed run leaves no half file; OSError names the file."""
     temporary = path.with_name(f".{path.name}.part")
     try:
-        with temporary.open("wb") as file:
+        temporary.unlink(missing_ok=True)  # a link would be followed
+        with temporary.open("xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

@@ -9,6 +9,7 @@ from elastid.base.execution import Execution
 from elastid.base.numbers import number
 from elastid.friction_study.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
+from elastid.report.figures.style import own_style
 from elastid.report.friction_content import FrictionContent, refusals
 from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells
 from elastid.report.page.booklet import columns, heading, text_pages, title_page, twin_text, wrapped
@@ -26,6 +27,7 @@ SHARED = {
 }
 
 
+@own_style()
 def write_page_of_friction(
     content: FrictionContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:

@@ -51,6 +51,7 @@ class ResponsesContent:
         return all(response.rate_is_known for response in self.responses)
 
 
+@style.own_style()
 def write_page_of_responses(
     content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:

@@ -12,6 +12,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from cycler import cycler
+from matplotlib import rc_context
 from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
@@ -133,6 +135,31 @@ def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
     assert len(first) == 24
     assert first == second
+
+
+# A matplotlibrc as some people have it in the folder of their work.
+OF_THE_USER = {
+    "axes.facecolor": "black",
+    "axes.prop_cycle": cycler(color=["red", "lime"]),
+    "axes.spines.left": False,
+    "figure.dpi": 40,
+    "figure.facecolor": "yellow",
+    "font.family": "serif",
+    "font.size": 22,
+    "image.cmap": "jet",
+    "lines.linewidth": 7,
+    "savefig.bbox": "tight",
+    "savefig.transparent": True,
+    "xtick.direction": "in",
+}
+
+
+def test_figures_have_one_style_whatever_the_user_has_set(report_folder, tmp_path):
+    """A matplotlibrc in the working directory changed every figure of a page, and its booklet."""
+    with rc_context(OF_THE_USER):
+        write_report(report_content(), tmp_path, ("png", "pdf"))
+    for path in report_folder.rglob("*.*"):
+        assert path.read_bytes() == (tmp_path / path.relative_to(report_folder)).read_bytes(), path.name
 
 
 def test_only_the_formats_asked_for_are_written(tmp_path):

@@ -1,0 +1,111 @@
+"""Links in a run folder: no command writes through one, and each is named in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from elastid.app.cli import run_command
+from elastid.study.fleet import load_fleet
+
+SAYS = "is a link, and nothing is written through links in a run folder; remove it, or give another folder with --run"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The template frf with its responses."""
+    folder = tmp_path_factory.mktemp("links") / "bench"
+    assert run_command(["new", str(folder), "--template", "frf"]) == 0
+    for stage in ("measure", "estimate"):
+        assert run_command(on(folder, stage)) == 0
+    return folder
+
+
+def on(folder: Path, *command: str) -> list[str]:
+    """A command on the study of a folder, in its run folder."""
+    first, *rest = command
+    run = str(folder / "run")
+    return [first, str(folder / "study.yml"), *rest, "--run", run, "--jobs", "1", "-q", "--set", "report.formats=[png]"]
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        (".lock", ["measure"]),
+        ("run.log", ["measure"]),
+        ("records.partial", ["measure"]),
+        ("figures", ["report"]),
+        ("export", ["export", "--to", "csv"]),
+        ("export/uff", ["export", "--to", "uff"]),
+    ],
+)
+def test_nothing_is_written_through_a_link(
+    name: str, command: list[str], bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`.lock` was truncated, `run.log` appended to, folders were filled, all at exit code 0."""
+    victim, link = tmp_path / "victim", bench / "run" / name
+    is_file = name in (".lock", "run.log")
+    file = victim if is_file else victim / "thesis.txt"
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("untouched")
+    if link.exists():
+        link.unlink()
+    link.parent.mkdir(exist_ok=True)
+    link.symlink_to(victim, target_is_directory=not is_file)
+    try:
+        assert run_command(on(bench, *command)) == 1
+    finally:
+        link.unlink()
+    assert capsys.readouterr().err.strip() == f"{link}: {SAYS}"
+    assert file.read_text() == "untouched"
+    assert is_file or [path.name for path in victim.iterdir()] == ["thesis.txt"]
+
+
+def test_a_result_takes_the_place_of_a_link(bench: Path, tmp_path: Path) -> None:
+    """And the file that the link led to stays; so does that of a temporary name."""
+    victim, run = tmp_path / "victim", bench / "run"
+    victim.write_text("untouched")
+    for name in ("report.html", ".report.html.part", "peaks.csv", "checksums.sha256"):
+        (run / name).unlink(missing_ok=True)
+        (run / name).symlink_to(victim)
+    assert run_command(on(bench, "report")) == 0
+    assert victim.read_text() == "untouched"
+    assert not (run / "report.html").is_symlink()
+
+
+def test_references_are_not_written_through_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, victim = tmp_path / "joint", tmp_path / "victim"
+    assert run_command(["new", str(folder), "--template", "friction"]) == 0
+    (folder / "run").mkdir()
+    victim.mkdir()
+    (folder / "run" / "references").symlink_to(victim, target_is_directory=True)
+    assert run_command(on(folder, "design")) == 1
+    assert capsys.readouterr().err.strip() == f"{folder / 'run' / 'references'}: {SAYS}"
+    assert not list(victim.iterdir())
+
+
+def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, victim = tmp_path / "bench", tmp_path / "victim"
+    assert run_command(["new", str(folder), "--template", "frf"]) == 0
+    members = "members: [{robot: a, date: 2026-01-31}, {robot: b, date: 2026-01-31}]"
+    (folder / "fleet.yml").write_text(f"name: line\nstudy: study.yml\n{members}\n")
+    victim.mkdir()
+    member = tmp_path / "run" / "members" / load_fleet(folder / "fleet.yml").members[0].name
+    member.parent.mkdir(parents=True)
+    member.symlink_to(victim, target_is_directory=True)
+    assert run_command(["fleet", str(folder / "fleet.yml"), "--run", str(tmp_path / "run"), "--jobs", "1"]) == 1
+    assert capsys.readouterr().err.strip() == f"{member}: {SAYS}"
+    assert not list(victim.iterdir())
+
+
+def test_the_demo_makes_no_file_at_the_end_of_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file of the study that is there is kept; a link to one that is not there was followed."""
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "study.yml").symlink_to(tmp_path / "new.yml")
+    assert run_command(["demo", "--run", str(run), "-q"]) == 1
+    assert SAYS in capsys.readouterr().err
+    assert not (tmp_path / "new.yml").exists()

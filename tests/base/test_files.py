@@ -1,0 +1,55 @@
+"""Files and folders below a run folder: none is reached through a symbolic link."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from elastid.base.errors import ElastidError
+from elastid.base.files import clear_folder, make_folder, own_path, unlinked
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> Path:
+    """A folder of the user's with a file in it."""
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "victim").write_text("untouched")
+    return folder
+
+
+def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path: Path, elsewhere: Path) -> None:
+    run = tmp_path / "run"
+    make_folder(run, "export", "c")
+    (run / "export" / "robot").symlink_to(elsewhere, target_is_directory=True)
+    (run / "figures").symlink_to(elsewhere, target_is_directory=True)
+    (run / "later").symlink_to(tmp_path / "not there yet")
+    for names in (("figures",), ("figures", "deeper"), ("export", "robot"), ("later",)):
+        for work in (own_path, make_folder, clear_folder):
+            with pytest.raises(ElastidError, match=r"is a link, and nothing is written through links .*; remove it"):
+                work(run, *names)
+    assert [path.name for path in elsewhere.iterdir()] == ["victim"]
+    assert not (tmp_path / "not there yet").exists()
+
+
+def test_the_run_folder_itself_may_be_a_link(tmp_path: Path, elsewhere: Path) -> None:
+    """Its user has named it."""
+    run = tmp_path / "run"
+    run.symlink_to(elsewhere, target_is_directory=True)
+    assert make_folder(run, "figures").is_dir()
+    clear_folder(run, "figures")
+    assert not (elsewhere / "figures").exists()
+
+
+@pytest.mark.parametrize("mode", ["w", "a", "x", "a+b", "r"])
+def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewhere: Path) -> None:
+    """One to a file that is not there yet would be made there."""
+    link, dangling = tmp_path / "link", tmp_path / "dangling"
+    link.symlink_to(elsewhere / "victim")
+    dangling.symlink_to(elsewhere / "new")
+    for path in (link, dangling):
+        with pytest.raises((ElastidError, FileExistsError)):
+            open(path, mode, opener=unlinked).close()
+    assert (elsewhere / "victim").read_text() == "untouched"
+    assert not (elsewhere / "new").exists()
