@@ -109,3 +109,10 @@ def test_where_the_compiler_fails_a_warning_gives_the_reason(
     assert record.levelno == logging.WARNING
     assert reason in record.message
     assert "experiment.simulated.compiled" in record.message
+
+
+def test_a_compiler_with_an_unclosed_quote_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The words of CC are split as a shell splits them, which fails without a traceback."""
+    monkeypatch.setenv("CC", 'gcc "')
+    with pytest.raises(OSError, match=r'CC=gcc " is no command: No closing quotation'):
+        module.compiler()
