@@ -152,11 +152,11 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
 @pytest.mark.slow
 def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import friction_measure
+    from elastid.app.stages import measure as measuring
 
     folder = copied(tmp_path / "study")
     run_stage(run_of(folder, *SMALL), "design")
-    whole, done = friction_measure._measure_one, []
+    whole, done = measuring._measure_motion, []
 
     def stopped(rig, path, stamp, motion):  # type: ignore[no-untyped-def]
         if len(done) == 3:
@@ -164,11 +164,11 @@ def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pyte
         done.append(motion.name)
         whole(rig, path, stamp, motion)
 
-    monkeypatch.setattr(friction_measure, "_measure_one", stopped)
+    monkeypatch.setattr(measuring, "_measure_motion", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_stage(run_of(folder, *SMALL), "measure")
     assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
-    monkeypatch.setattr(friction_measure, "_measure_one", whole)
+    monkeypatch.setattr(measuring, "_measure_motion", whole)
     run_stage(run_of(folder, *SMALL), "measure")
     resumed = (folder / "run" / "records.h5").read_bytes()
     run_stage(run_of(folder, *SMALL), "measure")
