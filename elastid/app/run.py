@@ -222,12 +222,12 @@ def run_stage(run: Run, name: str) -> None:
 def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
-    for later in stage.outdates:
-        if not run.is_current(later):  # of another result; no program is to read it next to this one's
-            run.summary(later).unlink(missing_ok=True)
     for extra in changed_texts(run.folder, stage.extras):
         run.console.warn(f"{run.folder / extra} has changed since it was written and is left out; make it again")
     artefacts = function_of(stage.function)(**run.handed(name), work=run.work(name))
+    for later in stage.outdates:
+        if not run.is_current(later):  # of another result; no program is to read it next to this one's
+            run.summary(later).unlink(missing_ok=True)
     for file, write in artefacts.files.items():
         write(run.folder / file, run.stamps[name])
     if not isinstance(artefacts.error, KeyboardInterrupt):

@@ -66,10 +66,10 @@ class Stage:
     files(values, folder): named by the study, handed over as `files`.  extras: files of the run folder that other
     commands leave, handed over by their stem where they are as written, else None.  leaves: the first file carries the
     stamp, the second is for programs.  beside: patterns of further files that it leaves.  outdates: stages whose
-    summary goes when this one begins, unless it is current.  part(study): the values on which a part of the result
-    depends that later stages read; None for all of it.  needs: a section without which a study has not this stage.
-    function, conclude: "module:name" below elastid.app.stages.  conclude(run): shows the result at the end of a run;
-    FitError where it cannot be trusted.
+    summary goes when the files of this one are written, unless it is current.  part(study): the values on which the
+    part of the result depends that later stages read; None for all of it.  needs: a section without which a study has
+    not this stage.  function, conclude: "module:name" below elastid.app.stages.  conclude(run): shows the result at
+    the end of a run; FitError where it cannot be trusted.
     """
 
     name: str

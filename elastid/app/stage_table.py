@@ -181,7 +181,7 @@ STAGES = (
         values=values("name", "estimator", "text", "report"),
         sources=(Source("estimate"),),
         leaves=("report.html", "figures", "peaks.csv"),
-        function="report:report_responses",
+        function="report_responses:report_responses",
     ),
     Stage(
         name="design",
@@ -190,7 +190,7 @@ STAGES = (
         values=values("seed", "robot", "friction_joints", "experiment", "friction"),
         sources=(),
         leaves=("plan.h5",),
-        function="design:design_motions",
+        function="friction:design_motions",
         beside=("references/*.csv",),
         part=motion_values,
     ),
@@ -201,7 +201,7 @@ STAGES = (
         values=values("seed", "robot", "experiment"),
         sources=(DESIGN_PART,),
         leaves=("records.h5",),
-        function="measure:simulate_motions",
+        function="friction:simulate_motions",
     ),
     Stage(
         name="measure",
@@ -210,7 +210,7 @@ STAGES = (
         values=values("robot", "friction_joints", "experiment", "friction.loads"),
         sources=(),
         leaves=("records.h5",),
-        function="measure:import_motions",
+        function="friction:import_motions",
         files=logs,
     ),
     Stage(
@@ -251,7 +251,7 @@ STAGES = (
         values=values("name", "text", "report"),
         sources=(Source("design"), Source("friction"), Source("follow")),
         leaves=("report.html", "figures"),
-        function="report:report_friction",
+        function="friction:report_friction",
     ),
 )
 

@@ -186,7 +186,7 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
 
 def test_the_command_takes_one_study(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """elastid compare A --search; with a second study it is a usage error."""
-    worked = create_autospec(searching.search_elasticity)
+    worked = create_autospec(comparing.search_elasticity)
     monkeypatch.setattr(comparing, "search_elasticity", worked)
     monkeypatch.chdir(tmp_path)
     assert cli.run_command(["compare", str(tiny), "--search", "--jobs", "1", "-q"]) == 0

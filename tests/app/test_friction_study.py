@@ -152,7 +152,7 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
 @pytest.mark.slow
 def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import measure as measuring
+    from elastid.app.stages import friction as measuring
 
     folder = copied(tmp_path / "study")
     run_stage(run_of(folder, *SMALL), "design")

@@ -96,10 +96,10 @@ def edit(path: Path, old: str, new: str) -> None:
     ],
 )
 def test_only_stages_that_depend_on_a_change_run_again(
-    finished: Path, worked_on: list[str], overrides: list[str], expected: list[str]
+    copy: Path, worked_on: list[str], overrides: list[str], expected: list[str]
 ) -> None:
     """A key of the study reaches the stages that read it, and those after them."""
-    run_all(run_of(finished / "study.yml", finished / "run", *overrides))
+    run_all(run_of(copy / "study.yml", copy / "run", *overrides))
     assert worked_on == expected
 
 
@@ -211,11 +211,11 @@ def test_the_order_of_configurations_counts(copy: Path, worked_on: list[str]) ->
 
 
 def test_a_change_of_the_code_does_everything_again(
-    finished: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
+    copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Results of another version are not passed off as this one's."""
     monkeypatch.setattr(provenance, "code_hash", lambda: 64 * "0")
-    run_all(run_of(finished / "study.yml", finished / "run"))
+    run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
 
 

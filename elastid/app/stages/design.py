@@ -13,12 +13,9 @@ from elastid.app.tables import forecast_table
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
-from elastid.design.friction import design_friction
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.friction import FrictionPlan
-from elastid.experiment.plan.passes import pass_reference
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
@@ -26,13 +23,11 @@ from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
-from elastid.friction_fit.spec import FrictionSpec
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
-from elastid.robot import Joint, Robot
+from elastid.robot import Robot
 from elastid.store import Stamp, read_fit, read_responses, write_movement, write_plan, write_torque
-from elastid.store.friction_study import write_friction_plan, write_pass_reference, write_torque_reference
 from elastid.study.checks.design import responses_file
 
 
@@ -149,45 +144,3 @@ def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Re
     for experiment in plan.experiments:
         if experiment.configuration.name == configuration.name:
             write_torque(folder / f"{experiment.name}.csv", plan, experiment)
-
-
-def design_motions(
-    *,
-    seed: int,
-    robot: Robot,
-    friction_joints: tuple[Joint, ...],
-    experiment: ExperimentSpec,
-    friction: FrictionSpec,
-    work: Work,
-) -> Artefacts:
-    """plan.h5 of a friction study, and references/<motion>.csv for a robot controller, within the robot's limits."""
-    plan = design_friction(friction, friction_joints, experiment, robot, seed)
-
-    def report(console: Console) -> None:
-        console.notes(plan.notes)
-        console.say(
-            f"design: {len(plan.motions)} motions of {len(plan.designs)} joints, {plan.robot_time_s / 60:.3g} min of "
-            "the robot's time"
-        )
-        for sentence in (*plan.known, *plan.unknown):
-            console.say(f"design: {sentence}")
-
-    return Artefacts(
-        {
-            "references": partial(_write_motions, plan),
-            "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
-        },
-        report,
-    )
-
-
-def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
-    """A file for each motion."""
-    shutil.rmtree(folder, ignore_errors=True)
-    limits = {each.joint: each.limits for each in plan.designs}
-    for motion in plan.motions:
-        path = folder / f"{motion.name}.csv"
-        if motion.planned is not None:
-            write_pass_reference(path, pass_reference(motion.planned, limits[motion.joint], plan.rate_hz))
-        elif motion.torque is not None:
-            write_torque_reference(path, motion.torque, plan.rate_hz)

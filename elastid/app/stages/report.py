@@ -13,18 +13,12 @@ from elastid.app.summaries import modes_of, truth
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
-from elastid.frf.peaks import peaks
-from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.content import ReportContent
-from elastid.report.friction_content import FrictionContent
 from elastid.report.model_lines import dense_models
 from elastid.report.page.page import FigureFormat, write_report
-from elastid.report.page.page_of_friction import write_page_of_friction
-from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store import (
@@ -40,8 +34,6 @@ from elastid.store import (
     read_validation,
 )
 from elastid.store.comparison import read_comparison
-from elastid.store.filter import read_filter
-from elastid.store.friction_study import FRICTION, read_friction_plan, read_friction_result
 from elastid.store.twin import read_twin
 from elastid.study import Study
 
@@ -92,63 +84,10 @@ def report(
         twin=read_twin(validate_file, "validation"),
         contents=contents(study, friction, result.parameters.free),
     )
-    return _artefacts(write_report, content, report, work)
+    return page_artefacts(write_report, content, report, work)
 
 
-def report_responses(
-    *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
-) -> Artefacts:
-    """The page, figures and peaks.csv of responses without a robot."""
-    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
-    resonances = tuple(peaks(response) for response in responses)
-    # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
-    if friction is not None and estimator.friction == "auto" and not friction.shapes:
-        friction = None
-    content = ResponsesContent(
-        title=name,
-        responses=responses,
-        peaks=resonances,
-        study_text=text,
-        provenance=work.stamp.shown,
-        friction=friction,
-    )
-    lines = []
-    for response, own in zip(responses, resonances, strict=True):
-        frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
-        unit = "Hz" if response.rate_is_known else "of the sampling rate"
-        words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
-        lines.append(f"report: {response.configuration.name}: {words}")
-
-    def table(path: Path, stamp: Stamp) -> None:
-        write_peaks(path, responses, resonances)
-
-    return _artefacts(write_page_of_responses, content, report, work, {"peaks.csv": table}, lines)
-
-
-def report_friction(
-    *,
-    name: str,
-    text: str,
-    report: ReportSpec,
-    friction_file: Path,
-    work: Work,
-    design_file: Path | None = None,
-    follow_file: Path | None = None,
-) -> Artefacts:
-    """The page and figures of a friction study."""
-    content = FrictionContent(
-        title=name,
-        result=read_friction_result(friction_file),
-        study_text=text,
-        provenance=work.stamp.shown,
-        plan=read_friction_plan(design_file) if design_file is not None else None,
-        twin=read_twin(friction_file, FRICTION),
-        filters=read_filter(follow_file) if follow_file is not None else (),
-    )
-    return _artefacts(write_page_of_friction, content, report, work)
-
-
-def _artefacts(
+def page_artefacts(
     write_page: Callable[[Any, Path, Collection[FigureFormat], Execution], Path],
     content: Any,
     spec: ReportSpec,
