@@ -16,7 +16,7 @@ from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.provenance import extra_file, handed_values, software, stamps, with_extras
-from elastid.app.stage import Stage
+from elastid.app.stage import Source, Stage
 from elastid.app.stage_table import FRICTION, SIMULATED, function_of, module_of, stages_of, stages_of_study
 from elastid.app.work import Work
 from elastid.base.errors import StudyError
@@ -78,7 +78,7 @@ class Run:
         """Files of the earlier results that a stage reads, by argument; None for an optional one that is missing."""
         declared = [source for source in self.stages[stage].sources if source.stage in self.stages]
         return {
-            source.argument: self.path(source.stage) if not source.optional or self.is_made(source.stage) else None
+            source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
             for source in declared
         }
 
@@ -94,10 +94,10 @@ class Run:
         read = tuple(path for path in sources if path is not None)
         return Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
 
-    def is_made(self, stage: str) -> bool:
-        """True if the result of a stage is there, made from the same inputs by any version."""
-        stamp = read_stamp(self.path(stage))
-        return stamp is not None and stamp.inputs == self.stamps[stage].inputs
+    def is_made(self, source: Source) -> bool:
+        """True if the result of an earlier stage, or its part, is there, made from the same inputs by any version."""
+        stamp, wanted = read_stamp(self.path(source.stage)), self.stamps[source.stage]
+        return stamp is not None and (stamp.part == wanted.part if source.part else stamp.inputs == wanted.inputs)
 
     def is_current(self, stage: str) -> bool:
         """True if the result of a stage is there as it was written, made from the same inputs by the same code."""

@@ -160,7 +160,11 @@ STAGES = (
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
         kinds=WITH_A_ROBOT,
         values=(*FITTED, *values("seed", "estimator", "validation")),
-        sources=(DESIGN_PART, Source("measure", optional=True), Source("estimate"), Source("fit")),
+        sources=(
+            Source("design", part=True, optional=True),
+            Source("measure", optional=True),
+            *(Source("estimate"), Source("fit")),
+        ),
         leaves=("validation.h5", "validation.json"),
         function="validate:validate",
     ),

@@ -83,7 +83,8 @@ def validate(
 ) -> Artefacts:
     """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
 
-    measure_file: None where no records are kept, which are then not replayed.
+    measure_file: None where no records are kept, which are then not replayed.  design_file: the plan that a simulated
+    rig carries out along a record.
     """
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     fitted = FittedRobot.of(result, robot, responses, model)
