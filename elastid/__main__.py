@@ -2,7 +2,7 @@
 
 import sys
 
-INTERRUPTED = 130  # as elastid.app.endings has it, which is not loaded yet
+INTERRUPTED = 130  # as elastid.app.process has it, which is not loaded yet
 
 
 def main() -> None:

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from elastid import __version__
-from elastid.app.endings import explained, interrupted
-from elastid.app.help import InOrderOfWork
-from elastid.app.process import insisting, libraries_off_terminal, one_blas_thread
+from elastid.app.process import explained, insisting, interrupted, libraries_off_terminal, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
 
 if TYPE_CHECKING:
@@ -31,7 +29,7 @@ def main() -> None:
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """A command, and its exit code however it ends (`elastid.app.endings`)."""
+    """A command, and its exit code however it ends (`elastid.app.process`)."""
     try:
         with libraries_off_terminal(), insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
@@ -71,6 +69,23 @@ _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
 _TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
+
+
+class InOrderOfWork(click.Group):
+    """A group whose help lists the commands as they are added, each with its first sentence in full."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order in which they were added."""
+        return list(self.commands)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Names and first sentences, wrapped and not cut."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _first_sentence(self.commands[name])) for name in self.list_commands(ctx)])
+
+
+def _first_sentence(command: click.Command) -> str:
+    return " ".join((command.help or "").split("\n\n")[0].split())
 
 
 @click.group(cls=InOrderOfWork, context_settings={"help_option_names": ["-h", "--help"]})
@@ -186,11 +201,10 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
         raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")
     asked = _run(studies[0], options)
     from elastid.app import compare as comparing
-    from elastid.app import elasticity_search as searching
     from elastid.study import load
 
     if search:
-        searching.search_elasticity(asked)
+        comparing.search_elasticity(asked)
         return
     comparing.compare(asked, [load(study) for study in studies[1:]])
 

@@ -1,6 +1,8 @@
 """compare: several models of one robot on the frequency responses of one run, ranked; file -> value -> file.
 
-Finished fits are kept in compare.partial until all are there, from where an interrupted comparison is resumed.
+With --search the models come from a search for the elasticity of the robot, step by step: among all gears, joints
+without a motor and rods that `robot.simplified` finds elastic. Both leave the same compare.json. Finished fits are kept
+in compare.partial until all are there, from where an interrupted comparison or search is resumed.
 """
 
 from __future__ import annotations
@@ -8,12 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 
-from elastid.app.run import Run
-from elastid.app.stages.report import report
+from elastid.app.run import Run, carry_out
 from elastid.base.errors import StudyError
 from elastid.base.execution import in_order, resumed
 from elastid.base.files import clear_folder, own_path
@@ -23,13 +24,14 @@ from elastid.fit.spec import FitSpec
 from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
-from elastid.robot.simplified import further_elastic, stiffened, without_motor_coupling
+from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
 from elastid.store import Checkpoint, keep_checksums, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
-from elastid.validation.comparison import Comparison, Refit
+from elastid.validation.comparison import ComparedModel, Comparison, Elastic, Refit, Trial
 from elastid.validation.cross_validation import divide
+from elastid.validation.elasticity_search import describe_search, search
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
@@ -37,7 +39,7 @@ PARTIAL = "compare.partial"
 
 
 def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
-    """compare.json, and the report anew where there is one.
+    """compare.json, and the report again where there is one.
 
     others: further studies, whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights, masks and criterion.  StudyError where there are no current responses, or but one model.
@@ -64,8 +66,7 @@ def finish(run: Run, comparison: Comparison) -> None:
     run.console.say(f"compare: {comparison.verdict}")
     run.console.say(str(run.folder / RESULT))
     if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
-        report(run)
-        keep_checksums(run.folder, run.stages["report"].texts)
+        carry_out(run, "report")
 
 
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
@@ -189,3 +190,102 @@ def _key(task: RefitTask, run: Run) -> str:
     """The name of a finished fit: a hash of everything that it depends on beside the code."""
     document = [asdict(task), run.stamps["estimate"].inputs]
     return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"
+
+
+def search_elasticity(run: Run) -> None:
+    """compare.json with every trial and the models tried, and the report again where there is one.
+
+    StudyError where there are no current responses, those of one configuration only, or nothing to search among.
+    """
+    run.require("fit")  # reads what a search reads
+    with run.logged():
+        coordinates, start = _coordinates(run.loaded)
+        responses = read_responses(run.path("estimate"))
+        names = [response.configuration.name for response in responses]
+        if len(names) < 2:
+            raise StudyError(
+                f"{run.loaded.path}: the search judges by configurations that were left out, and there is one only; "
+                "measure in further ones"
+            )
+        fits: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
+
+        def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
+            # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
+            new = [model for model in dict.fromkeys((everything, *models)) if model not in fits]
+            fits.update(_fitted(run, coordinates, start, new, responses))
+            rows = rank(names, *zip(*fits.values(), strict=True)).rows
+            by_name = {row.name: row for row in rows}
+            return {model: by_name[of.name] for model, (of, _) in fits.items()}
+
+        everything, trials = tuple(coordinates), []
+        for trial in search(everything, fitted, start):
+            trials.append(trial)
+            if trial.taken:
+                run.console.say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
+        comparison = rank(names, *zip(*fits.values(), strict=True))
+        verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
+        run.console.table(trial_table(trials))
+        finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
+
+
+def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
+    """Headings, then a line for each trial in the order of the search."""
+    rows = [["step", "trial", "parameters", "left out: error / sigma", "change of misfit", "change of QAIC", ""]]
+    for trial in trials:
+        change = "{} ± {}".format(*(number(v, 2) for v in (trial.change, trial.standard_error)))
+        line = [str(trial.step), _move(trial), str(trial.n_free), _errors(trial), change, number(trial.criterion, 4)]
+        rows.append([*line, "taken" if trial.taken else ""])
+    return rows
+
+
+def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
+    """What can be elastic or rigid, label to name, and the labels of what is elastic to begin with: the gears."""
+    robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
+    coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
+    if not coordinates:
+        raise StudyError(
+            f"{loaded.path}: nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
+            "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic"
+        )
+    start = tuple(each.label for each in coordinates if each.kind == "gear")
+    return {each.label: each.name for each in coordinates}, start
+
+
+def _fitted(
+    run: Run,
+    coordinates: Mapping[str, str],
+    start: Elastic,
+    models: Sequence[Elastic],
+    responses: Sequence[FrequencyResponse],
+) -> Mapping[Elastic, tuple[ComparedVariant, Sequence[Refit]]]:
+    """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
+    made: dict[Elastic, ComparedVariant] = {}
+    cannot: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
+    for model in models:
+        name, rigid = _model_name(run.study, coordinates, start, model), [c for c in coordinates if c not in model]
+        try:
+            made[model] = variant(run.loaded, VariantSpec(name, rigid=tuple(coordinates[label] for label in rigid)))
+        except StudyError as error:
+            if model in (start, tuple(coordinates)):
+                raise StudyError(f"search: {name}: {error}") from None
+            own = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
+            cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
+    fits = refitted(run, list(made.values()), responses)
+    return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
+
+
+def _model_name(study: Study, coordinates: Mapping[str, str], start: Elastic, model: Elastic) -> str:
+    """What is elastic in a model beyond the gears, and which gears are not."""
+    if len(model) == len(coordinates):
+        return study.name
+    further, rigid = [c for c in model if c not in start], [c for c in start if c not in model]
+    words = [f"{', '.join(further)} elastic"] if further else ["driven joints alone"]
+    return ", ".join([*words, *([f"{', '.join(rigid)} rigid"] if rigid else [])])
+
+
+def _move(trial: Trial) -> str:
+    return f"{', '.join(trial.coordinates)} {trial.becomes}"
+
+
+def _errors(trial: Trial) -> str:
+    return " → ".join(number(math.sqrt(misfit), 3) for misfit in (trial.before, trial.after))

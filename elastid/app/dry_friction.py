@@ -20,11 +20,11 @@ VISCOUS = "viscous friction alone"
 WITH_COULOMB = "viscous friction and 2 F_c p_v(0) of Coulomb friction"
 
 
-def shaft_couplings(study: Study) -> FloatArray | None:
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
     """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
-    if study.robot is None:
+    if robot is None:
         return None
-    E = study.robot.mixing
+    E = robot.mixing
     return None if np.array_equal(E, np.eye(len(E))) else E
 
 

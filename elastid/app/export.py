@@ -65,7 +65,7 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
     run.require_result("friction")
     folder = clear_folder(run.folder, "export", ROBOT)
     result = read_friction_result(run.path("friction"))
-    return _said(run, (_written(folder, robot_of_friction(run.study, result)),))
+    return _said(run, (_written(folder, robot_of_friction(run.study.name, run.study.as_robot(), result)),))
 
 
 def _export_observers(run: Run) -> tuple[Path, ...]:

@@ -10,7 +10,6 @@ from elastid.report.friction_rows import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
-from elastid.study import Study
 from elastid.study.robot_text import robot_text
 
 if TYPE_CHECKING:
@@ -19,19 +18,19 @@ if TYPE_CHECKING:
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 
 
-def with_identified_friction(study: Study, result: FrictionResult) -> Robot:
-    """The study's robot with the law of friction of each joint and the ranges in which it was measured.
+def with_identified_friction(robot: Robot, result: FrictionResult) -> Robot:
+    """A study's robot with the law of friction of each joint and the ranges in which it was measured.
 
-    What a study did not measure before sliding (bristles, elements) stays as the robot's file has it.
+    Bristles and elements that the study did not measure stay as the robot's file has them.
     """
-    return with_laws(study.as_robot(), _identified(study.as_robot(), result))
+    return with_laws(robot, _identified(robot, result))
 
 
-def robot_of_friction(study: Study, result: FrictionResult) -> str:
-    """The file of that robot."""
-    laws = _identified(study.as_robot(), result)
+def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
+    """The file of that robot; name: of the study."""
+    laws = _identified(robot, result)
     comments = (
-        f"Robot {study.as_robot().name} with the friction that study {study.name} has identified at the motors of "
+        f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
         f"joints {', '.join(laws) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
         "On the side of the link, with standard deviation and 95 % interval:",
@@ -40,7 +39,7 @@ def robot_of_friction(study: Study, result: FrictionResult) -> str:
             for each in result.numbers
         ),
     )
-    return robot_text(with_identified_friction(study, result), comments)
+    return robot_text(with_identified_friction(robot, result), comments)
 
 
 def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.spec import MultisineSpec
@@ -13,13 +14,14 @@ from elastid.parameters import Parameter
 from elastid.robot import Robot
 from elastid.study import Study
 
+if TYPE_CHECKING:
+    from elastid.experiment.plan.friction import FrictionPlan
+
 
 def overview(study: Study) -> str:
     """A page of plain text."""
     if study.friction is not None:
-        from elastid.app.friction_overview import friction_lines  # brings CasADi, which other overviews do not need
-
-        return "\n".join([*_robot(study), "", *friction_lines(study)])
+        return "\n".join([*_robot(study), "", *_friction(study)])
     if study.robot is None:
         return "\n".join([*_structure(study), "", *_experiments(study), "", *_plan_of_work(study)])
     return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])
@@ -138,12 +140,12 @@ def _run(robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec, ru
 
 
 def _speed(carrier: CarrierSpec, robot: Robot) -> str:
-    """How far or how fast each joint goes, with its unit; said once where all do alike."""
+    """How far or how fast each joint goes, with its unit; stated once where all are the same."""
     sine, n_u = carrier.kind == "sine", len(robot.driven)
     values = carrier.amplitudes(n_u) if sine else carrier.velocities(n_u)
     each = [f"{v:.3g} {joint.unit}{'' if sine else '/s'}" for v, joint in zip(values, robot.driven, strict=True)]
-    said = each[:1] if len(set(each)) == 1 else each
-    return f"{'amplitude' if sine else 'velocity'} {', '.join(said)}"
+    stated = each[:1] if len(set(each)) == 1 else each
+    return f"{'amplitude' if sine else 'velocity'} {', '.join(stated)}"
 
 
 def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
@@ -180,6 +182,49 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "
         f"({log_first}{study.fit.criterion}), {judged}, write the report"
     )
+
+
+def _friction(study: Study) -> Iterator[str]:
+    """Plain text below the lines on the robot; StudyError where a simulated study cannot be planned."""
+    joints = ", ".join(joint.name for joint in study.friction_joints)
+    yield f"friction of joint{'s' if len(study.friction_joints) > 1 else ''} {joints}"
+    if study.experiment.recorded is not None:
+        files = study.experiment.recorded.files
+        yield f"  {len(files)} log file{'s' if len(files) > 1 else ''}; passes are found in them, the rest is regressed"
+        stated = [f"{file.path}: {file.speed:.4g}" for file in files if file.speed is not None]
+        if stated:
+            yield f"  speeds given (SI): {', '.join(stated)}"
+    else:
+        from elastid.design.friction import design_friction  # brings CasADi, which other overviews do not need
+
+        spec, robot = study.as_friction(), study.as_robot()
+        yield from _motions(design_friction(spec, study.friction_joints, study.experiment, robot, study.seed))
+    yield ""
+    yield (
+        f"will {'import the logs' if study.experiment.recorded is not None else 'plan and simulate the motions'}, find "
+        "the levels, identify the law, write identified_robot.yml and the report"
+    )
+
+
+def _motions(plan: FrictionPlan) -> Iterator[str]:
+    for design in plan.designs:
+        unit = design.limits.unit
+        low, high = design.limits.window
+        speeds = ", ".join(
+            f"{speed:.3g}" + (f" ({round(count)} times)" if count > 1 else "")
+            for speed, count in zip(design.speed.tolist(), design.passes.tolist(), strict=True)
+        )
+        yield f"  joint {design.joint}: window {low:.4g} to {high:.4g} {unit}, speeds in {unit}/s: {speeds}"
+    kinds = [motion.purpose for motion in plan.motions]
+    names = {"passes": "passes there and back", "loops": "logs of loops", "at_rest": "multisines at rest"}
+    counted = [f"{kinds.count(kind)} {name}" for kind, name in names.items() if kind in kinds]
+    counted += [f"{len(plan.warm_ups)} warm-up{'s' if len(plan.warm_ups) > 1 else ''}"] if plan.warm_ups else []
+    yield f"  {', '.join(counted)}, {plan.robot_time_s / 60:.3g} min of the robot's time"
+    yield "will be known:"
+    yield from (f"  {sentence}" for sentence in plan.known)
+    if plan.unknown:
+        yield "will not be known:"
+        yield from (f"  {sentence}" for sentence in plan.unknown)
 
 
 def _count(things: Collection[object], one: str, more: str = "") -> str:

@@ -1,17 +1,29 @@
-"""The process: Ctrl-C or a request to end that interrupts any code, and one BLAS thread."""
+"""The process: Ctrl-C or a request to end that interrupts any code, one BLAS thread, exit codes with their messages.
+
+Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be
+believed as it stands; 130 interrupted.
+"""
 
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from _thread import interrupt_main
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from errno import EDQUOT, EFBIG, ENOSPC
 from signal import SIGINT, SIGTERM, signal
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 
-AGAIN_AFTER_S = 0.5
+import click
+
+from elastid.base.errors import ElastidError
+from elastid.base.printable import printable
+
+INTERRUPTED = 130
+INTERRUPT_INTERVAL_S = 0.5
 
 
 @contextmanager
@@ -24,7 +36,7 @@ def insisting() -> Iterator[Event]:
     pressed, ended = Event(), Event()
 
     def insist() -> None:
-        while not ended.wait(AGAIN_AFTER_S):
+        while not ended.wait(INTERRUPT_INTERVAL_S):
             interrupt_main()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -71,3 +83,34 @@ def one_blas_thread() -> None:
     """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def explained(error: Exception) -> int:
+    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
+    match error:
+        case ElastidError():
+            return _ended(str(error), error.exit_code)
+        case click.exceptions.Exit():
+            return error.exit_code
+        case click.ClickException():
+            error.show()
+            return error.exit_code
+        case MemoryError():
+            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
+        case OSError():
+            where = f"{error.filename}: " if error.filename else ""
+            full = error.errno in (ENOSPC, EDQUOT, EFBIG)
+            advice = "; make room, and the same command goes on where it was" if full else ""
+            return _ended(f"{where}{error.strerror or error}{advice}", 1)
+    raise error
+
+
+def interrupted(arguments: Sequence[str]) -> int:
+    """The exit code of a command that was interrupted, which says how to go on."""
+    again = shlex.join(["elastid", *arguments])
+    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", INTERRUPTED)
+
+
+def _ended(message: str, code: int) -> int:
+    click.echo(printable(message), err=True)
+    return code

@@ -1,4 +1,9 @@
-"""Hashes of everything that a stage's result depends on: study sections, input files, earlier results, the code."""
+"""Values that stages are handed, and the stamps of their results: hashes of these values and of the packaged code.
+
+    inputs = SHA-256(name, values of the study, contents of files, inputs of the earlier results that it reads)
+
+A stage has no other way to the study, so that a value that changes its result changes its stamp.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
@@ -14,72 +19,94 @@ from pathlib import Path
 from typing import Any
 
 from elastid import __version__
-from elastid.app.stage_table import Stage, function_of, stages_of_study
+from elastid.app.stage import Stage, Value
+from elastid.app.stage_table import stages_of_study
+from elastid.app.work import StudyFiles, file_hash
 from elastid.base import kernels
-from elastid.store import Stamp
+from elastid.store import Stamp, changed_texts
 from elastid.study import LoadedStudy
 
 # Libraries that results depend on to the last digits.
 LIBRARIES = ("numpy", "scipy", "casadi")
 
 
+def values_of(loaded: LoadedStudy, declared: Iterable[Value]) -> dict[str, Any]:
+    """Values of a study by argument."""
+    return {value.argument: value.of(loaded) for value in declared}
+
+
+def handed_values(loaded: LoadedStudy, stage: Stage) -> dict[str, Any]:
+    """Everything of a study that a stage is handed, by argument: values, and files where it declares some."""
+    handed = values_of(loaded, stage.values)
+    if stage.files is not None:
+        handed["files"] = StudyFiles(loaded.base, tuple(stage.files(handed, loaded.base)))
+    return handed
+
+
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     """For each stage the stamp that its result must carry to be the result that the study asks for."""
-    study, code = loaded.study, code_hash()
-    sections, inputs = asdict(study), dict[str, str]()
-    stages = stages_of_study(study)
+    code, stages, results = code_hash(), stages_of_study(loaded.study), dict[str, Stamp]()
     for name, stage in stages.items():
-        document: list[Any] = [name, [_read(sections, key) for key in stage.sections]]
-        document += [inputs[before] for before in upstream(stages, stage) if stage.of_reads]
-        if stage.further:
-            document.append(function_of(stage.further)(loaded, inputs))
-        # The order of keys counts: it is the order in which configurations are measured and patterns win.
-        inputs[name] = hashlib.sha256(json.dumps(document).encode()).hexdigest()
-    return {
-        name: Stamp(hash_, code, __version__, study.seed, loaded.text, software()) for name, hash_ in inputs.items()
-    }
+        handed = values_of(loaded, stage.values)
+        named = stage.files(handed, loaded.base) if stage.files is not None else {}
+        document = [
+            name,
+            list(handed.items()),
+            [[path, [[file.name, file_hash(file)] for file in behind]] for path, behind in named.items()],
+            [
+                [source.stage, results[source.stage].part if source.part else results[source.stage].inputs]
+                for source in stage.sources
+                if source.stage in stages
+            ],
+        ]
+        inputs = _digest(document)
+        part = stage.part(loaded.study) if stage.part is not None else None
+        results[name] = Stamp(
+            inputs,
+            code,
+            __version__,
+            loaded.study.seed,
+            loaded.text,
+            software(),
+            inputs if part is None else _digest([name, list(values_of(loaded, part).items())]),
+        )
+    return results
+
+
+def with_extras(stamp: Stamp, stage: Stage, folder: Path) -> Stamp:
+    """The stamp of a result to which files that other commands have left in the run folder contribute."""
+    hashes = [[name, file_hash(path)] for name in stage.extras if (path := extra_file(folder, name)) is not None]
+    return replace(stamp, inputs=_digest([stamp.inputs, hashes])) if hashes else stamp
+
+
+def extra_file(folder: Path, name: str) -> Path | None:
+    """A file of the run folder that another command has left; None where it is missing or has changed since."""
+    return folder / name if (folder / name).is_file() and not changed_texts(folder, [name]) else None
 
 
 @cache
 def software() -> str:
     """Versions of elastid, Python and the libraries that results depend on, and the platform."""
-    found = [f"elastid {__version__}", f"Python {platform.python_version()}"]
-    found += [f"{name} {version(name)}" for name in LIBRARIES]
-    return ", ".join([*found, kernels.description(), f"{platform.system()} {platform.machine()}"])
+    names = [f"elastid {__version__}", f"Python {platform.python_version()}"]
+    names += [f"{name} {version(name)}" for name in LIBRARIES]
+    return ", ".join([*names, kernels.description(), f"{platform.system()} {platform.machine()}"])
 
 
-def upstream(stages: dict[str, Stage], stage: Stage) -> tuple[str, ...]:
-    """The stages of a study whose results a stage reads."""
-    return tuple(name for name in stage.reads if name in stages)
+def code_hash(root: Path | None = None) -> str:
+    """SHA-256 of every file of the package and of the versions of the libraries that it computes with.
 
-
-def file_hashes(base: Path, paths: Iterable[str]) -> list[Any]:
-    """Path and hash of each file, relative to a folder, each file once."""
-    return [[path, file_hash(base / path)] for path in dict.fromkeys(paths)]
-
-
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file's content; of a folder (a ROS bag) of the names and contents of its files."""
-    if path.is_dir():
-        inside = [[file.name, file_hash(file)] for file in sorted(path.iterdir()) if file.is_file()]
-        return hashlib.sha256(json.dumps(inside).encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def code_hash() -> str:
-    """SHA-256 of the package's own source and of the versions of what it computes with: others, another result."""
+    root: folder of the package.  Only files that Python and editors leave in it do not count.
+    """
+    root = Path(str(files("elastid"))) if root is None else root
     digest = hashlib.sha256("".join([__version__, *(version(name) for name in LIBRARIES)]).encode())
-    root = Path(str(files("elastid")))
     for path in sorted(root.rglob("*")):
-        name = path.relative_to(root).as_posix()
-        if path.suffix in (".py", ".j2", ".js", ".css") and not name.startswith("app/templates/"):
-            digest.update(name.encode())
-            digest.update(path.read_bytes())
+        name = path.relative_to(root)
+        if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in name.parts):
+            digest.update(f"{name.as_posix()}\0".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 
-def _read(sections: dict[str, Any], name: str) -> Any:
-    """A section, or one key of it."""
-    section, _, key = name.partition(".")
-    return sections[section][key] if key else sections[section]
+def _digest(document: Any) -> str:
+    """SHA-256 of values as JSON. The order of keys counts: configurations are measured, and patterns win, in it."""
+    return hashlib.sha256(json.dumps(document, default=asdict).encode()).hexdigest()

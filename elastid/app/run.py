@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.provenance import file_hash, software, stamps, upstream
-from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
+from elastid.app.provenance import extra_file, handed_values, software, stamps, with_extras
+from elastid.app.stage import Source, Stage
+from elastid.app.stage_table import FRICTION, SIMULATED, function_of, module_of, stages_of, stages_of_study
+from elastid.app.work import Work
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution
 from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store import (
@@ -34,9 +33,6 @@ from elastid.store import (
     remove_leftovers,
 )
 from elastid.study import LoadedStudy, Study
-
-if TYPE_CHECKING:
-    from elastid.store import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -53,9 +49,13 @@ class Run:
         """The study."""
         return self.loaded.study
 
-    @cached_property
+    @property
     def stamps(self) -> dict[str, Stamp]:
         """The stamp that the result of each stage must carry."""
+        return {name: with_extras(stamp, self.stages[name], self.folder) for name, stamp in self._stamps.items()}
+
+    @cached_property
+    def _stamps(self) -> dict[str, Stamp]:
         return stamps(self.loaded)
 
     @cached_property
@@ -75,33 +75,39 @@ class Run:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
         return own_path(self.folder, self.path(stage).with_suffix(".partial").name)
 
-    def resumed(self, stage: str) -> Checkpoint:
-        """The finished parts of an interrupted stage: of this study, by this code, from the very files it reads."""
-        from elastid.store import Checkpoint  # brings the solvers, which most stages do not need
+    def sources(self, stage: str) -> dict[str, Path | None]:
+        """Files of the earlier results that a stage reads, by argument; None for an optional one that is missing."""
+        declared = [source for source in self.stages[stage].sources if source.stage in self.stages]
+        return {
+            source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
+            for source in declared
+        }
 
-        stamp = self.stamps[stage]
-        hashes = [file_hash(self.path(name)) for name in upstream(self.stages, self.stages[stage])]
-        key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, hashes]).encode()).hexdigest()
-        remove_leftovers(self.partial(stage))
-        finished = Checkpoint(self.partial(stage), key)
-        if finished:
-            self.console.say(f"{stage}: resumed from {finished.words}")
-        return finished
+    def handed(self, stage: str) -> dict[str, Any]:
+        """The arguments of a stage: what its row declares, and nothing else."""
+        row = self.stages[stage]
+        extras = {name.partition(".")[0]: extra_file(self.folder, name) for name in row.extras}
+        return handed_values(self.loaded, row) | self.sources(stage) | extras
 
-    @contextmanager
-    def execution(self, stage: str, checkpoint: Checkpoint | None = None) -> Iterator[Execution]:
-        """How a stage is to be worked on, its progress shown."""
-        with self.console.progress(stage) as progress:
-            yield Execution(self.jobs, progress) if checkpoint is None else Execution(self.jobs, progress, checkpoint)
+    def work(self, stage: str) -> Work:
+        """The ways of working on a stage."""
+        stamp, sources = replace(self.stamps[stage], study=""), self.sources(stage).values()
+        read = tuple(path for path in sources if path is not None)
+        return Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
+
+    def is_made(self, source: Source) -> bool:
+        """True if the result of an earlier stage, or its part, is there, made from the same inputs by any version."""
+        stamp, wanted = read_stamp(self.path(source.stage)), self.stamps[source.stage]
+        return stamp is not None and (stamp.part == wanted.part if source.part else stamp.inputs == wanted.inputs)
 
     def is_current(self, stage: str) -> bool:
-        """Whether the result of a stage is there, as it was written, and made from the same inputs by the same code."""
+        """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
         wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all((self.folder / name).exists() for name in row.leaves) or changed_texts(self.folder, row.texts):
             return False
         if path.suffix == ".h5":
-            found = read_stamp(path)
-            return found is not None and found.is_of(wanted) and has_checksum(path)
+            stamp = read_stamp(path)
+            return stamp is not None and stamp.is_of(wanted) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
         return wanted.inputs in text and wanted.code in text
 
@@ -128,34 +134,33 @@ class Run:
         if stage not in self.stages:
             self.study.as_robot()
             self.require_stage(stage)
-        for name in upstream(self.stages, self.stages[stage]):
-            self.require_result(name)
+        for source in self.stages[stage].sources:
+            if source.stage in self.stages and not source.optional:
+                self.require_result(source.stage, source.part)
 
-    def require_result(self, name: str) -> None:
-        """Refuse to go on without the result of a stage; StudyError says which command makes it."""
-        path, found = self.path(name), read_stamp(self.path(name))
+    def require_result(self, name: str, part: bool = False) -> None:
+        """Refuse to go on without the result of a stage, or that part of it; StudyError says which command makes it."""
+        path, wanted = self.path(name), self.stamps[name]
+        stamp = read_stamp(path)
         command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
         if not path.is_file():
             raise StudyError(f"{path} is missing: {command}")
-        if found is None:
+        if stamp is None:
             raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
-        if found.inputs != self.stamps[name].inputs:
+        if (stamp.part != wanted.part) if part else (stamp.inputs != wanted.inputs):
             raise StudyError(f"{path} was made from another study, other data or other options: {command}")
         if not has_checksum(path):
             self.console.warn(
                 f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "
-                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name}` makes it anew"
+                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name}` makes it again"
             )
-        if found.code != self.stamps[name].code:
-            made_by = found.software or f"elastid {found.version}"
+        if stamp.code != wanted.code:
+            made_by = stamp.software or f"elastid {stamp.version}"
             self.console.warn(f"{path} was made by other versions ({made_by}) and is used as is")
 
     @contextmanager
     def logged(self) -> Iterator[None]:
-        """What is said goes to run.log in the folder too, and how the work ended; nobody else writes there meanwhile.
-
-        ElastidError where another program does.
-        """
+        """Messages go to run.log in the folder too, with the end of the work; ElastidError for a second writer."""
         with logged_in(self.folder, self.jobs, self.console):
             yield
 
@@ -187,26 +192,17 @@ def run_all(run: Run) -> None:
                 run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
                 # Of a stage that was killed after its result was written and before it had tidied up.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
+                keep_checksums(run.folder, stage.texts)
             else:
-                _tell_of_damage(run, run.path(name), stage)
-                function_of(stage.function)(run)
-            keep_checksums(run.folder, stage.texts)
+                _report_damage(run, run.path(name), stage)
+                carry_out(run, name)
         for stage in run.stages.values():
             if stage.conclude:
                 function_of(stage.conclude)(run)
 
 
-def _tell_of_damage(run: Run, path: Path, stage: Stage) -> None:
-    """Say that a result is made again because its files have changed."""
-    damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
-    if path.suffix == ".h5" and path.is_file() and not is_intact(path):
-        damaged.append(path)
-    for each in damaged:
-        run.console.warn(f"{each} has changed since it was written; it is made again")
-
-
 def run_stage(run: Run, name: str) -> None:
-    """One stage, whether or not it is current; StudyError where a result that it reads is missing or out of date."""
+    """One stage, current or not; StudyError where a result that it reads is missing or out of date."""
     if name not in run.stages:
         run.study.as_robot()
         run.require_stage(name)
@@ -219,18 +215,45 @@ def run_stage(run: Run, name: str) -> None:
     run.require(name)
     _load_for_workers(run, [stage])
     with run.logged(), lasting_workers():
-        function_of(stage.function)(run)
-        keep_checksums(run.folder, stage.texts)
+        carry_out(run, name)
         if stage.conclude:
             function_of(stage.conclude)(run)
 
 
+def carry_out(run: Run, name: str) -> None:
+    """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
+    stage = run.stages[name]
+    for extra in changed_texts(run.folder, stage.extras):
+        run.console.warn(f"{run.folder / extra} has changed since it was written and is left out; make it again")
+    artefacts = function_of(stage.function)(**run.handed(name), work=run.work(name))
+    for later in stage.outdates:
+        if not run.is_current(later):  # of another result; no program is to read it next to this one's
+            run.summary(later).unlink(missing_ok=True)
+    for file, write in artefacts.files.items():
+        write(own_path(run.folder, file), run.stamps[name])
+    if not isinstance(artefacts.error, KeyboardInterrupt):
+        shutil.rmtree(run.partial(name), ignore_errors=True)
+    artefacts.report(run.console)
+    if artefacts.error is not None:
+        raise artefacts.error
+    keep_checksums(run.folder, stage.texts)
+
+
+def _report_damage(run: Run, path: Path, stage: Stage) -> None:
+    """Warn that a result is made again because its files have changed."""
+    damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
+    if path.suffix == ".h5" and path.is_file() and not is_intact(path):
+        damaged.append(path)
+    for each in damaged:
+        run.console.warn(f"{each} has changed since it was written; it is made again")
+
+
 def _load_for_workers(run: Run, stages: Sequence[Stage]) -> None:
-    """What the stages work with, where several processes will."""
+    """Load the libraries of stages once, for several processes."""
     if run.jobs > 1 and stages:
         load_for_workers([module_of(stage.function) for stage in stages])
 
 
 def all_cores() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

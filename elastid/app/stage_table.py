@@ -1,102 +1,135 @@
-"""The table of stages: which kinds of study have one, what it reads and leaves, and the function that carries it out.
+"""The table of stages: the kinds of study that have one, the values that it reads, its artefacts and its function.
 
-A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line,
-which shows a command for each row, loads none of them.
+A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which shows
+a command for each row, loads none of them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from elastid.app.stage import NamedFiles, Source, Stage, Value, values
 
 if TYPE_CHECKING:
     from elastid.study import Study
 
-# Keys of `experiment` that say from where its data come: the kinds of study with a robot.
+# Keys of `experiment` that say where its data come from: the kinds of study with a robot.
 SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
 WITH_A_ROBOT = (SIMULATED, RECORDED, RESPONSES)
 # Studies without a robot: responses of recorded logs alone, or responses from elsewhere.
 FRF, FRF_RESPONSES = "frf", "frf-responses"
 # Studies of friction.
 FRICTION, FRICTION_RECORDED = "friction", "friction-recorded"
-# Keys of `friction` that say what is measured; `law` is that of the stage friction.
-FRICTION_EXPERIMENTS = tuple(
-    f"friction.{key}" for key in ("joints", "rate_hz", "passes", "loads", "presliding", "at_rest", "warm_up")
+OF_FRICTION = (FRICTION, FRICTION_RECORDED)
+
+
+def logs(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
+    """The logs of a recorded experiment."""
+    files = handed["experiment"].as_recorded().files
+    return _plain((path for file in files for path in (file.path, *file.also)), folder)
+
+
+def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
+    """The files with frequency responses from elsewhere."""
+    spec = handed["experiment"].responses
+    return _plain((file.path for file in spec.files) if spec is not None else (), folder)
+
+
+def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
+    """The responses that a design adds to, or whose noise it expects, each with the fit next to it."""
+    from elastid.study.checks.design import responses_file  # brings pydantic, which help does without
+
+    design = handed["design"]
+    paths = () if design is None else filter(None, (*design.measured, design.noise.frf))
+    named = {}
+    for path in paths:
+        frf = responses_file(folder, path)
+        fit = frf.with_name("fit.h5")
+        named[path] = (frf, fit) if fit.is_file() else (frf,)
+    return named
+
+
+def _plain(paths: Iterable[str], folder: Path) -> NamedFiles:
+    return {path: (folder / path,) for path in paths}
+
+
+PLAN = values("seed", "robot", "excitation", "experiment")
+# The motions of a friction study do not depend on the law that is fitted to them; the design's advice does.
+MOTIONS = (*values("seed", "robot", "friction_joints", "experiment"), Value("friction", without=("law",)))
+# Keys of `fit` for its search and its intervals, which no plan depends on: a longer search needs no other plan.
+SEARCH = (
+    "log_first",
+    "starts",
+    "start_factor",
+    "continuation",
+    "solver",
+    "profile",
+    "bootstrap",
+    "bootstrap_kind",
+    "seed",
 )
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A stage of some kinds of study: function(run: Run) -> None, which leaves `leaves` in the run folder.
+def plan_values(study: Study) -> tuple[Value, ...] | None:
+    """Values on which the plan depends without its forecast; all where configurations or spectra were chosen."""
+    chosen = study.design is not None or (study.excitation is not None and study.excitation.flat == "information")
+    return None if chosen else PLAN
 
-    help: one line for the command of its name.  sections: of the study, or single keys of one, that it reads; those
-    that an earlier stage has read come with its result.  reads: the stages whose results it reads, where a study has
-    them.  leaves: the first file carries the stamp, the second is what programs read.  beside: patterns of further
-    files that it leaves.  function, conclude: "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON:
-    whatever else the result depends on, with the hashes of the stages before; "module:name".  of_reads: whether it
-    depends on all that the stages depend on whose results it reads.  needs: a section without which a study has not
-    this stage.  conclude(run): shows the result at the end of a run, and raises FitError where it cannot be trusted.
-    """
 
-    name: str
-    help: str
-    kinds: tuple[str, ...]
-    sections: tuple[str, ...]
-    reads: tuple[str, ...]
-    leaves: tuple[str, ...]
-    function: str
-    beside: tuple[str, ...] = ()
-    further: str = ""
-    of_reads: bool = True
-    needs: str = ""
-    conclude: str = ""
+def motion_values(study: Study) -> tuple[Value, ...]:
+    """Values on which the planned motions of a friction study depend."""
+    return MOTIONS
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """Files, folders and patterns of what it leaves besides HDF5 files, which carry their own checksums."""
-        return (*(name for name in self.leaves if not name.endswith(".h5")), *self.beside)
 
+DESIGN_PART = Source("design", part=True)
+# Values of everything that is said of a fit: the truth of a simulated rig among them.
+FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
 
 STAGES = (
     Stage(
         name="design",
         help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
         kinds=(SIMULATED,),
-        sections=("seed", "robot", "excitation", "experiment", "design", "model"),
-        reads=(),
+        values=(
+            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
+            *values("estimator.quantity", "estimator.friction"),
+            Value("fit", without=SEARCH),
+        ),
+        sources=(),
         leaves=("plan.h5",),
         function="design:design",
+        files=earlier_measurements,
         beside=("references/*.csv",),
-        further="elastid.app.further_inputs:of_design",
+        part=plan_values,
     ),
     Stage(
         name="measure",
         help="Simulate the experiments or import the recorded logs: records.h5.",
         kinds=(SIMULATED,),
-        sections=("seed", "robot", "excitation", "experiment"),
-        reads=("design",),
+        values=values("seed", "robot", "experiment"),
+        sources=(DESIGN_PART,),
         leaves=("records.h5",),
         function="measure:simulate",
-        further="elastid.app.further_inputs:of_plan",
-        of_reads=False,
     ),
     Stage(
         name="measure",
         help="Simulate the experiments or import the recorded logs: records.h5.",
         kinds=(RECORDED, FRF),
-        sections=("seed", "robot", "experiment"),
-        reads=(),
+        values=values("places", "experiment"),
+        sources=(),
         leaves=("records.h5",),
         function="measure:import_logs",
-        further="elastid.app.further_inputs:of_logs",
+        files=logs,
     ),
     Stage(
         name="estimate",
         help="Estimate the frequency responses with their covariance: frf.h5.",
         kinds=(SIMULATED, RECORDED, FRF),
-        sections=("estimator",),
-        reads=("measure",),
+        values=values("robot", "estimator"),
+        sources=(DESIGN_PART, Source("measure")),
         leaves=("frf.h5",),
         function="estimate:estimate",
     ),
@@ -104,29 +137,34 @@ STAGES = (
         name="estimate",
         help="Estimate the frequency responses with their covariance: frf.h5.",
         kinds=(RESPONSES, FRF_RESPONSES),
-        sections=("seed", "robot", "experiment", "estimator"),
-        reads=(),
+        values=values("robot", "places", "experiment", "estimator"),
+        sources=(),
         leaves=("frf.h5",),
         function="estimate:import_responses",
-        further="elastid.app.further_inputs:of_responses",
+        files=responses,
     ),
     Stage(
         name="fit",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
         kinds=WITH_A_ROBOT,
-        sections=("name", "seed", "robot", "model", "fit", "validation.left_out"),
-        reads=("estimate",),
+        values=(*FITTED, Value("validation.left_out")),
+        sources=(Source("estimate"),),
         leaves=("fit.h5", "summary.json"),
         function="fit:fit",
         beside=("identified_robot*.yml",),
+        outdates=("validate",),
         conclude="fit:conclude",
     ),
     Stage(
         name="validate",
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
         kinds=WITH_A_ROBOT,
-        sections=("robot", "model", "validation"),
-        reads=("estimate", "fit"),
+        values=(*FITTED, *values("seed", "estimator", "validation")),
+        sources=(
+            Source("design", part=True, optional=True),
+            Source("measure", optional=True),
+            *(Source("estimate"), Source("fit")),
+        ),
         leaves=("validation.h5", "validation.json"),
         function="validate:validate",
     ),
@@ -134,91 +172,90 @@ STAGES = (
         name="report",
         help="Write the page and the figures: report.html and figures/.",
         kinds=WITH_A_ROBOT,
-        sections=("name", "report"),
-        reads=("design", "estimate", "fit", "validate"),
+        values=(*FITTED, *values("text", "report")),
+        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")),
         leaves=("report.html", "figures"),
         function="report:report",
-        further="elastid.app.further_inputs:of_page",
+        extras=("compare.json",),
     ),
     Stage(
         name="report",
         help="Write the page and the figures: report.html and figures/.",
         kinds=(FRF, FRF_RESPONSES),
-        sections=("name", "report"),
-        reads=("estimate",),
+        values=values("name", "estimator", "text", "report"),
+        sources=(Source("estimate"),),
         leaves=("report.html", "figures", "peaks.csv"),
-        function="report_responses:report",
-        further="elastid.app.further_inputs:of_page",
+        function="report_responses:report_responses",
     ),
     Stage(
         name="design",
         help="Plan the passes and other motions within the robot's limits: plan.h5 and references/*.csv.",
         kinds=(FRICTION,),
-        sections=("seed", "robot", "experiment", *FRICTION_EXPERIMENTS),
-        reads=(),
+        values=values("seed", "robot", "friction_joints", "experiment", "friction"),
+        sources=(),
         leaves=("plan.h5",),
-        function="friction_design:design",
+        function="friction:design_motions",
         beside=("references/*.csv",),
+        part=motion_values,
     ),
     Stage(
         name="measure",
         help="Simulate the motions or import the recorded logs: records.h5.",
         kinds=(FRICTION,),
-        sections=(),
-        reads=("design",),
+        values=values("seed", "robot", "experiment"),
+        sources=(DESIGN_PART,),
         leaves=("records.h5",),
-        function="friction_measure:simulate",
+        function="friction:simulate_motions",
     ),
     Stage(
         name="measure",
         help="Simulate the motions or import the recorded logs: records.h5.",
         kinds=(FRICTION_RECORDED,),
-        sections=("seed", "robot", "experiment", *FRICTION_EXPERIMENTS),
-        reads=(),
+        values=values("robot", "friction_joints", "experiment", "friction.loads"),
+        sources=(),
         leaves=("records.h5",),
-        function="friction_measure:import_logs",
-        further="elastid.app.further_inputs:of_logs",
+        function="friction:import_motions",
+        files=logs,
     ),
     Stage(
         name="levels",
         help="Find the friction at each speed, load and temperature: levels.h5.",
-        kinds=(FRICTION, FRICTION_RECORDED),
-        sections=(),
-        reads=("measure",),
+        kinds=OF_FRICTION,
+        values=values("robot", "friction_joints"),
+        sources=(Source("measure"),),
         leaves=("levels.h5",),
-        function="friction_levels:levels",
+        function="friction:levels",
     ),
     Stage(
         name="friction",
         help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
-        kinds=(FRICTION, FRICTION_RECORDED),
-        sections=("name", "friction.law"),
-        reads=("measure", "levels"),
+        kinds=OF_FRICTION,
+        values=values("name", "robot", "experiment", "friction"),
+        sources=(Source("measure"), Source("levels")),
         leaves=("friction.h5", "summary.json", "identified_robot.yml"),
-        function="friction_law:friction",
-        conclude="friction_law:conclude",
+        function="friction:friction",
+        conclude="friction:conclude",
     ),
     Stage(
         name="follow",
         help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
         "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
-        "bands and says what the motion cannot tell.",
-        kinds=(FRICTION, FRICTION_RECORDED),
-        sections=("robot", "filter"),
-        reads=("measure", "friction"),
+        "bands and names those that the motion cannot identify.",
+        kinds=OF_FRICTION,
+        values=values("robot", "filter"),
+        sources=(Source("measure"), Source("friction")),
         leaves=("filter.h5",),
-        function="friction_follow:follow_friction",
+        function="follow:follow_friction",
         needs="filter",
     ),
     Stage(
         name="report",
         help="Write the page and the figures: report.html and figures/.",
-        kinds=(FRICTION, FRICTION_RECORDED),
-        sections=("name", "report"),
-        reads=("friction", "follow"),
+        kinds=OF_FRICTION,
+        values=values("name", "text", "report"),
+        sources=(Source("design"), Source("friction"), Source("follow")),
         leaves=("report.html", "figures"),
-        function="friction_report:report",
-        further="elastid.app.further_inputs:of_page",
+        function="friction:report_friction",
     ),
 )
 
@@ -230,8 +267,8 @@ def stages_of(kind: str) -> dict[str, Stage]:
 
 def stages_of_study(study: Study) -> dict[str, Stage]:
     """The stages of a study by name, in order: those of its kind, without those that need a section it has not."""
-    found = stages_of(study.kind).items()
-    return {name: stage for name, stage in found if not stage.needs or getattr(study, stage.needs) is not None}
+    stages = stages_of(study.kind).items()
+    return {name: stage for name, stage in stages if not stage.needs or getattr(study, stage.needs) is not None}
 
 
 def all_names() -> tuple[str, ...]:

@@ -31,6 +31,7 @@ class Stamp:
 
     inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source
     and of the versions of the libraries that results depend on.  software: these versions and the platform, in words.
+    part: hash of the inputs of the part that later stages read, where it depends on less than the rest.
     Date and command are in run.log: the same study gives the same bytes.
     """
 
@@ -40,6 +41,7 @@ class Stamp:
     seed: int = 0
     study: str = ""
     software: str = ""
+    part: str = ""
 
     @property
     def shown(self) -> dict[str, str]:

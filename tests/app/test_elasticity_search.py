@@ -12,9 +12,7 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app import cli
 from elastid.app import compare as comparing
-from elastid.app import elasticity_search as searching
-from elastid.app.compare import variants
-from elastid.app.elasticity_search import search_elasticity, trial_table
+from elastid.app.compare import search_elasticity, trial_table, variants
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.linear.linearise import linearise
@@ -188,8 +186,8 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
 
 def test_the_command_takes_one_study(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """elastid compare A --search; with a second study it is a usage error."""
-    worked = create_autospec(searching.search_elasticity)
-    monkeypatch.setattr(searching, "search_elasticity", worked)
+    worked = create_autospec(comparing.search_elasticity)
+    monkeypatch.setattr(comparing, "search_elasticity", worked)
     monkeypatch.chdir(tmp_path)
     assert cli.run_command(["compare", str(tiny), "--search", "--jobs", "1", "-q"]) == 0
     assert worked.call_args.args[0].loaded.path == tiny

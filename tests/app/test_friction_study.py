@@ -63,9 +63,9 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch
 
 
 def test_another_law_measures_nothing_again(finished: Path) -> None:
-    """The law is read by the stage friction and those after it; loads by all."""
+    """The law is read by friction and the stages after it, and by the advice of the design; loads by all."""
     other = run_of(finished, *SMALL, "friction.law.quadratic=yes")
-    assert [name for name in other.stages if not other.is_current(name)] == ["friction", "report"]
+    assert [name for name in other.stages if not other.is_current(name)] == ["design", "friction", "report"]
     other = run_of(finished, *SMALL, "friction.passes.repeat=2")
     assert not any(other.is_current(name) for name in other.stages)
 
@@ -101,11 +101,13 @@ def test_a_stage_says_what_to_run_first(tmp_path: Path) -> None:
 def test_a_part_that_cannot_be_told_leaves_a_summary_and_exit_code_1(
     finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`yes` for a part without data fails with its reason."""
+    """`yes` for a part without data fails with its reason; a plan for it is refused before robot time is spent."""
     folder = Path(shutil.copytree(finished, tmp_path / "failed"))
     sets = [word for each in (*SMALL, "friction.law.temperature=yes") for word in ("--set", each)]
-    code = cli.run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *sets])
-    assert code == 1
+    given = [str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *sets]
+    assert cli.run_command(["run", *given]) == 2
+    assert "give friction.warm_up, or auto" in capsys.readouterr().err
+    assert cli.run_command(["friction", *given]) == 1
     assert "law.temperature cannot be identified: one temperature" in capsys.readouterr().err
     summary = json.loads((folder / "run" / "summary.json").read_text())
     assert (summary["status"], summary["parameters"]) == ("failed", {})
@@ -152,11 +154,11 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
 @pytest.mark.slow
 def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import friction_measure
+    from elastid.app.stages import friction as measuring
 
     folder = copied(tmp_path / "study")
     run_stage(run_of(folder, *SMALL), "design")
-    whole, done = friction_measure._measure_one, []
+    whole, done = measuring._measure_motion, []
 
     def stopped(rig, path, stamp, motion):  # type: ignore[no-untyped-def]
         if len(done) == 3:
@@ -164,11 +166,11 @@ def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pyte
         done.append(motion.name)
         whole(rig, path, stamp, motion)
 
-    monkeypatch.setattr(friction_measure, "_measure_one", stopped)
+    monkeypatch.setattr(measuring, "_measure_motion", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_stage(run_of(folder, *SMALL), "measure")
     assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
-    monkeypatch.setattr(friction_measure, "_measure_one", whole)
+    monkeypatch.setattr(measuring, "_measure_motion", whole)
     run_stage(run_of(folder, *SMALL), "measure")
     resumed = (folder / "run" / "records.h5").read_bytes()
     run_stage(run_of(folder, *SMALL), "measure")

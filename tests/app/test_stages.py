@@ -21,16 +21,18 @@ from elastid.app import run as running
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.stage_table import SIMULATED, STAGES, Stage, function_of, stages_of
+from elastid.app.stage import Source, Stage, values
+from elastid.app.stage_table import SIMULATED, STAGES, function_of, stages_of
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
+from elastid.app.work import Artefacts, Work
 from elastid.base.errors import FitError, StudyError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-from elastid.store import read_fit, read_plan, read_records, read_responses, read_stamp
+from elastid.store import Stamp, read_fit, read_plan, read_records, read_responses, read_stamp
 from elastid.study import load, load_robot
 
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
@@ -63,7 +65,11 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
 
     def written_down(text: str) -> Callable[..., object]:
-        return (lambda run: done.append(names[text])) if text in names else function_of(text)
+        def stage(**_: object) -> Artefacts:
+            done.append(names[text])
+            return Artefacts({})
+
+        return stage if text in names else function_of(text)
 
     monkeypatch.setattr(running, "function_of", written_down)
     return done
@@ -90,10 +96,10 @@ def edit(path: Path, old: str, new: str) -> None:
     ],
 )
 def test_only_stages_that_depend_on_a_change_run_again(
-    finished: Path, worked_on: list[str], overrides: list[str], expected: list[str]
+    copy: Path, worked_on: list[str], overrides: list[str], expected: list[str]
 ) -> None:
     """A key of the study reaches the stages that read it, and those after them."""
-    run_all(run_of(finished / "study.yml", finished / "run", *overrides))
+    run_all(run_of(copy / "study.yml", copy / "run", *overrides))
     assert worked_on == expected
 
 
@@ -205,11 +211,11 @@ def test_the_order_of_configurations_counts(copy: Path, worked_on: list[str]) ->
 
 
 def test_a_change_of_the_code_does_everything_again(
-    finished: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
+    copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Results of another version are not passed off as this one's."""
     monkeypatch.setattr(provenance, "code_hash", lambda: 64 * "0")
-    run_all(run_of(finished / "study.yml", finished / "run"))
+    run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
 
 
@@ -448,12 +454,14 @@ def test_responses_are_on_the_planned_lines(finished: Path) -> None:
         np.testing.assert_allclose(response.freq_hz, plan.freq_hz)
 
 
-def count_lines(run: Run) -> None:
+def count_lines(*, name: str, estimate_file: Path, work: Work) -> Artefacts:
     """A stage that counts the lines of all responses."""
-    counts = {response.configuration.name: response.n_lines for response in read_responses(run.path("estimate"))}
-    run.path("count").write_text(
-        json.dumps({"lines": counts, "stamp": [run.stamps["count"].inputs, provenance.code_hash()]})
-    )
+    counts = {response.configuration.name: response.n_lines for response in read_responses(estimate_file)}
+
+    def write(path: Path, stamp: Stamp) -> None:
+        path.write_text(json.dumps({"study": name, "lines": counts, "stamp": [stamp.inputs, stamp.code]}))
+
+    return Artefacts({"count.json": write}, lambda console: console.say("count: done"))
 
 
 def test_a_further_stage_is_one_row_and_one_function(
@@ -464,8 +472,8 @@ def test_a_further_stage_is_one_row_and_one_function(
         name="count",
         help="Count the lines.",
         kinds=(SIMULATED,),
-        sections=("name",),
-        reads=("estimate",),
+        values=values("name"),
+        sources=(Source("estimate"),),
         leaves=("count.json",),
         function="counting.stage:count_lines",
     )

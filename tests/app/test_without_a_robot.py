@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.app.example_logs import TRUTH
+from elastid.app.scaffold import TRUTH
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.structure import shake, true_modes
 from elastid.experiment.specs.responses import ResponsesSpec

@@ -50,7 +50,7 @@ def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
 
 def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_path: Path) -> None:
     """Read back, it is the robot whose friction has the numbers of the table, on the side of the motor."""
-    text = robot_of_friction(template().study, found)
+    text = robot_of_friction(template().study.name, template().study.as_robot(), found)
     assert all(f"#   {number.name} = " in text for number in found.numbers)
     (tmp_path / "robot.yml").write_text(text)
     numbers = friction_numbers(load_robot(tmp_path / "robot.yml"))

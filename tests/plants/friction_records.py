@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.stages.friction_design import friction_plan
+from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
 from elastid.experiment.simulated.plant import true_robot
@@ -32,7 +32,9 @@ def simulated(loaded: LoadedStudy) -> Robot:
 
 def records(loaded: LoadedStudy, seed: int = 0) -> tuple[FrictionPlan, FrictionRecords]:
     """The passes of its plan under its true law."""
-    plan, truth = friction_plan(loaded.study), true_numbers(simulated(loaded), "1")
+    study = loaded.study
+    plan = design_friction(study.as_friction(), study.friction_joints, study.experiment, study.as_robot(), study.seed)
+    truth = true_numbers(simulated(loaded), "1")
     limits = {design.joint: design.limits for design in plan.designs}
     rng = np.random.default_rng(seed)
     found = []

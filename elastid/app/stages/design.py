@@ -1,105 +1,146 @@
-"""design: a study and earlier results -> plan.h5 with its forecast, and references/*.csv."""
+"""design: a study and earlier results -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from elastid.app.run import Run
+from elastid.app.console import Console
 from elastid.app.tables import forecast_table
+from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution
-from elastid.base.files import clear_folder
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
+from elastid.design.spec import DesignSpec
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
 from elastid.experiment.simulated.plant import model_of
-from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.record import Configuration
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.spec import FitSpec
+from elastid.frf.spec import Friction
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store import read_fit, read_responses, write_movement, write_plan, write_torque
-from elastid.study import LoadedStudy
+from elastid.store import Stamp, read_fit, read_responses, write_movement, write_plan, write_torque
 from elastid.study.checks.design import responses_file
 
 
-def design(run: Run) -> None:
+def design(
+    *,
+    seed: int,
+    robot: Robot,
+    excitation: MultisineSpec | None,
+    experiment: ExperimentSpec,
+    design: DesignSpec | None,
+    model: ModelSpec,
+    fit: FitSpec,
+    quantity: Motion,
+    friction: Friction,
+    left_out: tuple[str, ...],
+    files: Path,
+    work: Work,
+) -> Artefacts:
     """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
 
     <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
+    Raises StudyError for a design without a solution, DataError for an earlier result that cannot be read.
     """
-    with run.execution("design") as execution:
-        found = design_experiments(design_problem(run.loaded), execution)
-        movements = _write_references(run, found.plan, execution)
-    plan, forecast, limit_use = found.plan, found.forecast, found.limit_use
-    write_plan(run.path("design"), plan, run.stamps["design"], movements, limit_use, forecast, found.nearest)
-    run.console.notes(limit_use.notes)
-    run.console.say(f"design: {limit_use.closest}")
-    run.console.say(
-        f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, {len(plan.lines)} "
-        f"lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of the robot's time"
+    if excitation is None:
+        raise StudyError("excitation: this section is needed to design an experiment")
+    earlier = earlier_measurements(design, files)
+    problem = DesignProblem(
+        robot=robot,
+        excitation=excitation,
+        experiment=experiment,
+        fit=fit,
+        quantity=quantity,
+        seed=seed,
+        design=design,
+        left_out=left_out,
+        measured=earlier.responses,
+        found=earlier.values,
+        like=earlier.noise,
+        model=model,
+        friction=friction,
     )
-    if forecast.choice:
-        run.console.say(f"design: {forecast.choice}")
-    run.console.table(forecast_table(forecast))
-    run.console.notes(forecast.notes)
+    carrier = experiment.as_simulated().carrier
+    with work.execution() as execution:
+        designed = design_experiments(problem, execution)
+        movement = partial(reference, designed.plan, carrier, feed_forward_of(model_of(robot)))
+        movements = tuple(execution.ordered(movement, designed.plan.configurations))
+    plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
+
+    def report(console: Console) -> None:
+        console.notes(limit_use.notes)
+        console.say(f"design: {limit_use.closest}")
+        console.say(
+            f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, "
+            f"{len(plan.lines)} lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of "
+            "the robot's time"
+        )
+        if forecast.choice:
+            console.say(f"design: {forecast.choice}")
+        console.table(forecast_table(forecast))
+        console.notes(forecast.notes)
+
+    return Artefacts(
+        {
+            "references": partial(_write_references, plan, movements, work),
+            "plan.h5": lambda path, stamp: write_plan(
+                path, plan, stamp, movements, limit_use, forecast, designed.nearest
+            ),
+        },
+        report,
+    )
 
 
-def _write_references(run: Run, plan: Plan, execution: Execution) -> tuple[Reference, ...]:
-    """references/*.csv; the movement in each configuration."""
-    folder = clear_folder(run.folder, "references")
-    carrier = run.study.experiment.as_simulated().carrier
-    write = partial(_write_configuration, folder, plan, carrier, run.study.as_robot())
-    return tuple(execution.ordered(write, plan.configurations))
+@dataclass(frozen=True)
+class EarlierMeasurements:
+    """Measurements that a design adds to.
+
+    responses: their responses.  values: estimates of their fits by name, of several the last.  noise: responses whose
+    variance is expected again.
+    """
+
+    responses: tuple[FrequencyResponse, ...] = ()
+    values: tuple[tuple[str, float], ...] = ()
+    noise: tuple[FrequencyResponse, ...] = ()
 
 
-def _write_configuration(
-    folder: Path, plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration
-) -> Reference:
-    """The files of one configuration; the movement in it."""
-    movement = reference(plan, carrier, feed_forward_of(model_of(robot)), configuration)
+def earlier_measurements(design: DesignSpec | None, files: Path) -> EarlierMeasurements:
+    """The responses and estimates of the earlier measurements that a design names; DataError for a damaged file."""
+    if design is None:
+        return EarlierMeasurements()
+    responses: list[FrequencyResponse] = []
+    values: dict[str, float] = {}
+    for name in design.measured:
+        file = responses_file(files, name)
+        responses += read_responses(file)
+        if file.with_name("fit.h5").is_file():
+            result = read_fit(file.with_name("fit.h5"))
+            values |= {name: result.values[name] for name in result.parameters.free_names}
+    noise = read_responses(responses_file(files, design.noise.frf)) if design.noise.frf else ()
+    return EarlierMeasurements(tuple(responses), tuple(values.items()), tuple(noise))
+
+
+def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:
+    """The files of all configurations, each written by a process."""
+    shutil.rmtree(folder, ignore_errors=True)
+    pairs = list(zip(plan.configurations, movements, strict=True))
+    with work.execution() as execution:
+        execution.ordered(partial(_write_configuration, folder, plan), pairs)
+
+
+def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Reference]) -> None:
+    """The files of one configuration and the movement in it."""
+    configuration, movement = pair
     write_movement(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
         if experiment.configuration.name == configuration.name:
             write_torque(folder / f"{experiment.name}.csv", plan, experiment)
-    return movement
-
-
-def design_problem(loaded: LoadedStudy) -> DesignProblem:
-    """The study's sections, with the responses and the estimates of the earlier measurements that it names.
-
-    Where several measurements were fitted, the last one's estimate counts.  DataError for a file that cannot be read.
-    """
-    study = loaded.study
-    if study.excitation is None:
-        raise StudyError(f"{loaded.path}: excitation: this section is needed to design an experiment")
-    measured: list[FrequencyResponse] = []
-    found: dict[str, float] = {}
-    like: tuple[FrequencyResponse, ...] = ()
-    if study.design is not None:
-        for path in study.design.measured:
-            file = responses_file(loaded.base, path)
-            measured += read_responses(file)
-            estimate = file.with_name("fit.h5")
-            if estimate.is_file():
-                result = read_fit(estimate)
-                found |= {name: result.values[name] for name in result.parameters.free_names}
-        if study.design.noise.frf:
-            like = read_responses(responses_file(loaded.base, study.design.noise.frf))
-    return DesignProblem(
-        robot=study.as_robot(),
-        excitation=study.excitation,
-        experiment=study.experiment,
-        fit=study.fit,
-        quantity=study.estimator.quantity,
-        seed=study.seed,
-        design=study.design,
-        left_out=study.validation.left_out,
-        measured=tuple(measured),
-        found=tuple(found.items()),
-        like=like,
-        model=study.model,
-        friction=study.estimator.friction,
-    )

@@ -8,44 +8,66 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from elastid.app.console import Console
 from elastid.app.dry_friction import friction_line, shaft_couplings
-from elastid.app.imported_responses import imported_responses
-from elastid.app.run import Run
+from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.experiment.plan.plan import checked_configurations
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.responses import ResponseFileSpec
+from elastid.experiment.specs.structure import Places
+from elastid.frf.checks.exchanged_channels import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction
-from elastid.record import Record
-from elastid.response import FrequencyResponse
-from elastid.store import read_configurations, read_plan, read_records, write_responses
+from elastid.record import Configuration, Record
+from elastid.recorded.naming import naming
+from elastid.recorded.responses.reading import link_side_response, read_table
+from elastid.response import FrequencyResponse, in_quantity
+from elastid.robot import Robot
+from elastid.store import kind_of, read_configurations, read_plan, read_records, read_responses, write_responses
+
+# Angles that differ by more, in rad (positions in m), are another configuration.
+MAX_ANGLE_DIFFERENCE = 1e-3
 
 
-def estimate(run: Run) -> None:
+def estimate(
+    *, robot: Robot | None, estimator: EstimatorSpec, measure_file: Path, work: Work, design_file: Path | None = None
+) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
-    path, spec = run.path("measure"), run.study.estimator
-    lines = read_plan(run.path("design")).lines if "design" in run.stages else None
-    E = shaft_couplings(run.study)
-    friction = find_friction_of_run(path, spec, lines, E, Execution(run.jobs))
+    lines = None if design_file is None else read_plan(design_file).lines
+    E = shaft_couplings(robot)
+    friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
-        run.console.notes(note for note in friction.notes if note.severity == "warning")
-    work = partial(_estimated, path, spec, lines, friction, E)
-    with run.execution("estimate") as execution:
-        found = execution.ordered(work, read_configurations(path))
-    responses = [response for response, _ in found]
-    said = {note for _, notes in found for note in notes}  # when the records were measured
-    run.console.notes(note for response in responses for note in response.notes if note not in said)
-    _write(run, responses, friction)
+        work.console.notes(note for note in friction.notes if note.severity == "warning")
+    estimate_one = partial(_estimated, measure_file, estimator, lines, friction, E)
+    with work.execution() as execution:
+        estimates = execution.ordered(estimate_one, read_configurations(measure_file))
+    responses = [response for response, _ in estimates]
+    reported = {note for _, notes in estimates for note in notes}  # when the records were measured
+    notes = [note for response in responses for note in response.notes if note not in reported]
+    return _artefacts(responses, notes, friction)
 
 
-def import_responses(run: Run) -> None:
+def import_responses(
+    *,
+    robot: Robot | None,
+    places: Places,
+    experiment: ExperimentSpec,
+    estimator: EstimatorSpec,
+    files: Path,
+    work: Work,
+) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
-    responses = list(imported_responses(run.study, run.loaded.base))
-    run.console.notes(note for response in responses for note in response.notes)
-    _write(run, responses)
+    responses = list(imported_responses(robot, places, experiment, estimator, files))
+    return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
 def estimate_configuration(
@@ -58,7 +80,7 @@ def estimate_configuration(
 ) -> tuple[FrequencyResponse, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: what is taken out of the records' torque before.  E: couplings of the motors' gears, or None.
+    friction: taken out of the records' torque before.  E: couplings of the motors' gears, or None.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, E)
@@ -74,7 +96,7 @@ def _estimated(
     E: FloatArray | None,
     configuration: str,
 ) -> tuple[FrequencyResponse, set[Note]]:
-    """`estimate_configuration` with what differs between configurations last."""
+    """`estimate_configuration`, the configuration last."""
     return estimate_configuration(path, configuration, spec, lines, friction, E)
 
 
@@ -94,7 +116,7 @@ def find_friction_of_run(
 
 @dataclass(frozen=True)
 class _RecordsOnShafts:
-    """The records of a configuration in records.h5 on the motors' shafts, read anew whenever they are asked for."""
+    """The records of a configuration in records.h5 on the motors' shafts, read again whenever they are asked for."""
 
     path: Path
     configuration: str
@@ -104,12 +126,17 @@ class _RecordsOnShafts:
         return (on_shafts(each, self.E) for each in read_records(self.path, self.configuration))
 
 
-def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionTakenOut | None = None) -> None:
-    write_responses(run.path("estimate"), responses, run.stamps["estimate"], friction)
-    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
-    if friction is not None and (line := friction_line(friction)):
-        run.console.say(f"estimate: {line}")
+def _artefacts(
+    responses: Sequence[FrequencyResponse], notes: Sequence[Note], friction: FrictionTakenOut | None = None
+) -> Artefacts:
+    def report(console: Console) -> None:
+        console.notes(notes)
+        counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
+        console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+        if friction is not None and (line := friction_line(friction)):
+            console.say(f"estimate: {line}")
+
+    return Artefacts({"frf.h5": lambda path, stamp: write_responses(path, responses, stamp, friction)}, report)
 
 
 def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
@@ -117,3 +144,62 @@ def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
     for record in records:
         total.update(record.repairs)
     return dict(total)
+
+
+def imported_responses(
+    robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
+) -> Iterator[FrequencyResponse]:
+    """One response for each file of the experiment, in their order, in the estimator's quantity and band.
+
+    Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
+    """
+    spec = experiment.responses
+    assert spec is not None  # the kind of the experiment is `responses`
+    configurations = {c.name: c for c in checked_configurations(experiment, places)}
+    for file in spec.files:
+        path, configuration = base / file.path, configurations[file.configuration]
+        if kind_of(path) == "frf":
+            response = in_quantity(_of_another_run(path, file, configuration, robot), estimator.quantity)
+            if spec.is_held:
+                text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
+                response = replace(response, notes=(*response.notes, Note("hold-not-taken-out", text, str(path))))
+        else:
+            if not spec.channels:
+                raise StudyError(
+                    f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
+                )
+            with naming(path, "its values are no frequency response; look at them with `elastid inspect`"):
+                table = read_table(path, spec, file.response)
+                response = link_side_response(table, spec, configuration, places, estimator.quantity)
+        if estimator.band_hz is not None:
+            low, high = estimator.band_hz
+            inside = (response.freq_hz >= low) & (response.freq_hz <= high)
+            if not inside.any():
+                raise DataError(f"{path}: none of its lines lies in band_hz, {low:g} to {high:g} Hz")
+            response = response.lines(inside)
+        yield replace(response, notes=(*response.notes, *channel_notes(response)))
+
+
+def _of_another_run(
+    path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None
+) -> FrequencyResponse:
+    responses = {response.configuration.name: response for response in read_responses(path)}
+    name = file.response or configuration.name
+    if name not in responses:
+        known = ", ".join(responses) or "none"
+        raise StudyError(f"{path}: no response of configuration {name} in it; there are {known}")
+    response = responses[name]
+    angles, given = response.configuration.angles, configuration.angles
+    if robot is None:  # places are names, whatever they were measured on
+        return replace(response, configuration=configuration)
+    if angles.shape != configuration.angles.shape or np.any(
+        np.abs(angles - configuration.angles) > MAX_ANGLE_DIFFERENCE
+    ):
+        units = ", ".join(dict.fromkeys(joint.unit for joint in robot.driven))
+        raise StudyError(
+            f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
+            f"{given.tolist()}; correct experiment.configurations"
+        )
+    for place in (*response.inputs, *response.outputs):
+        robot.check_location(place)
+    return replace(response, configuration=configuration)

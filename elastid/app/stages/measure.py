@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from elastid.app.run import Run
+from elastid.app.console import Console
+from elastid.app.work import Artefacts, Work
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.rig import Rig
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.structure import Places
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
+from elastid.robot import Robot
 from elastid.store import Stamp, read_plan, read_records, read_stamp, remove_leftovers, write_records
 
 
-def simulate(run: Run) -> None:
+def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the plan."""
-    study = run.study
-    _measure(run, SimulatedRig(study.as_robot(), study.experiment, read_plan(run.path("design")), study.seed))
+    return _measure(SimulatedRig(robot, experiment, read_plan(design_file), seed), work)
 
 
-def import_logs(run: Run) -> None:
+def import_logs(*, places: Places, experiment: ExperimentSpec, files: Path, work: Work) -> Artefacts:
     """records.h5 of the logs that the study names."""
-    _measure(run, RecordedRig(run.study.places, run.study.experiment, run.loaded.base))
+    return _measure(RecordedRig(places, experiment, files), work)
 
 
 class Named(Protocol):
@@ -39,44 +40,49 @@ class Named(Protocol):
         ...
 
 
-def measure_parts(run: Run, todo: Sequence[Named], measure: Callable[[Path, Stamp, Any], None], noun: str) -> Path:
-    """The folder with a file of each of `todo`, those of an interrupted measurement kept.
+def measure_parts(work: Work, parts: Sequence[Named], measure: Callable[[Path, Stamp, Any], None], noun: str) -> None:
+    """A file of each part in the folder of finished parts; those of an interrupted measurement are kept.
 
-    measure(path, stamp, one) is run in a worker, which writes the record itself: no record travels between processes.
+    measure(path, stamp, part) is run in a worker, which writes the record itself: no record travels between processes.
     """
-    stamp, folder = run.stamps["measure"], run.partial("measure")
-    folder.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(folder)
-    left = [one for one in todo if not _is_measured(folder, one, stamp)]
-    if len(left) < len(todo):
-        run.console.say(f"measure: resumed, {len(todo) - len(left)} of {len(todo)} {noun} are kept")
-    with run.execution("measure") as execution:
-        for _ in execution.unordered(partial(_measured_part, measure, folder, replace(stamp, study="")), left):
+    work.parts.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(work.parts)
+    remaining = [part for part in parts if not _is_measured(work, part)]
+    if len(remaining) < len(parts):
+        work.console.say(f"measure: resumed, {len(parts) - len(remaining)} of {len(parts)} {noun} are kept")
+    with work.execution() as execution:
+        for _ in execution.unordered(partial(_measured_part, measure, work.parts, work.stamp), remaining):
             pass
-    return folder
 
 
-def part_path(folder: Path, one: Named) -> Path:
-    """The file of one part."""
-    return folder / f"{one.name}.h5"
+def part_path(folder: Path, part: Named) -> Path:
+    """The file of a part."""
+    return folder / f"{part.name}.h5"
 
 
-def _is_measured(folder: Path, one: Named, stamp: Stamp) -> bool:
-    found = read_stamp(part_path(folder, one))
-    return found is not None and found.is_of(stamp)
+def _is_measured(work: Work, part: Named) -> bool:
+    stamp = read_stamp(part_path(work.parts, part))
+    return stamp is not None and stamp.is_of(work.stamp)
 
 
-def _measured_part(measure: Callable[[Path, Stamp, Any], None], folder: Path, stamp: Stamp, one: Named) -> None:
-    measure(part_path(folder, one), stamp, one)
+def _measured_part(measure: Callable[[Path, Stamp, Any], None], folder: Path, stamp: Stamp, part: Named) -> None:
+    measure(part_path(folder, part), stamp, part)
 
 
-def _measure(run: Run, rig: Rig) -> None:
-    folder = measure_parts(run, rig.experiments, partial(_measure_one, rig), "experiments")
+def _measure(rig: Rig, work: Work) -> Artefacts:
+    measure_parts(work, rig.experiments, partial(_measure_one, rig), "experiments")
     notes: list[Note] = []
-    write_records(run.path("measure"), _measured(rig, folder, notes), run.stamps["measure"])
-    shutil.rmtree(folder)
-    run.console.notes(notes)
-    run.console.say(f"measure: {len(rig.experiments)} records")
+    records = _measured(rig, work.parts, notes)
+    return Artefacts(
+        {"records.h5": lambda path, stamp: write_records(path, records, stamp)},
+        partial(report_count, notes, len(rig.experiments)),
+    )
+
+
+def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
+    """Notes and number of records; the notes of records that are streamed are complete once these are written."""
+    console.notes(notes)
+    console.say(f"measure: {count} records")
 
 
 def _measure_one(rig: Rig, path: Path, stamp: Stamp, experiment: Experiment) -> None:

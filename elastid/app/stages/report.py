@@ -1,16 +1,28 @@
-"""report: all results of a run -> report.html and figures/."""
+"""report: all results of a run -> report.html and figures/, of each kind of study."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from elastid.app.console import Console
 from elastid.app.dry_friction import contents
-from elastid.app.run import Run
 from elastid.app.summaries import modes_of, truth
+from elastid.app.work import Artefacts, Work, Write
+from elastid.base.execution import Execution
+from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.spec import FitSpec
+from elastid.model.spec import ModelSpec
 from elastid.report.content import ReportContent
 from elastid.report.model_lines import dense_models
-from elastid.report.page.page import write_report
+from elastid.report.page.page import FigureFormat, write_report
+from elastid.report.spec import ReportSpec
+from elastid.robot import Robot
 from elastid.store import (
-    changed_texts,
+    Stamp,
     read_fit,
     read_forecast,
     read_friction,
@@ -18,55 +30,80 @@ from elastid.store import (
     read_plan,
     read_rehearsal,
     read_responses,
+    read_stamp,
     read_validation,
 )
 from elastid.store.comparison import read_comparison
 from elastid.store.twin import read_twin
-from elastid.validation.comparison import Comparison
+from elastid.study import Study
 
 
-def report(run: Run) -> None:
-    """report.html and figures/."""
-    with run.execution("report") as execution:
-        page = write_report(_content(run), run.folder, run.study.report.formats, execution)
-    run.console.say(f"report: {page}")
+def report(
+    *,
+    name: str,
+    robot: Robot,
+    experiment: ExperimentSpec,
+    model: ModelSpec,
+    seeded_fit: FitSpec,
+    text: str,
+    report: ReportSpec,
+    estimate_file: Path,
+    fit_file: Path,
+    validate_file: Path,
+    work: Work,
+    design_file: Path | None = None,
+    compare: Path | None = None,
+) -> Artefacts:
+    """The page and figures of an identified robot.
 
-
-def _content(run: Run) -> ReportContent:
-    study, stamp = run.study, run.stamps["report"]
-    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    validation = read_validation(run.path("validate"))
-    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
-    plan = run.path("design") if "design" in run.stages else None
-    friction = read_friction(run.path("estimate"))
-    return ReportContent(
-        title=study.name,
+    compare: compare.json, shown where it is of these responses.
+    """
+    study = Study(name=name, experiment=experiment, robot=robot, fit=seeded_fit)  # for the words of the page
+    responses, result = read_responses(estimate_file), read_fit(fit_file)
+    validation, friction = read_validation(validate_file), read_friction(estimate_file)
+    fitted = FittedRobot.of(result, robot, responses, model)
+    content = ReportContent(
+        title=name,
         verdict=validation.verdict,
         result=result,
         frf=tuple(zip(responses, fitted.responses, strict=True)),
         validation=validation,
         modes=modes_of(fitted),
-        study_text=run.loaded.text,
-        provenance=stamp.shown,
+        study_text=text,
+        provenance=work.stamp.shown,
         truth=truth(study, friction),
-        plan=read_plan(plan) if plan is not None else None,
-        forecast=read_forecast(plan) if plan is not None else None,
-        limit_use=read_peaks(plan) if plan is not None else None,
-        nearest_run=read_rehearsal(plan) if plan is not None else None,
-        robot=study.as_robot(),
-        comparison=_comparison(run),
+        plan=read_plan(design_file) if design_file is not None else None,
+        forecast=read_forecast(design_file) if design_file is not None else None,
+        limit_use=read_peaks(design_file) if design_file is not None else None,
+        nearest_run=read_rehearsal(design_file) if design_file is not None else None,
+        robot=robot,
+        comparison=None if compare is None else read_comparison(compare, read_stamp(estimate_file) or Stamp()),
         model_std=fitted.response_std,
         dense=dense_models(fitted),
         friction=friction,
-        twin=read_twin(run.path("validate"), "validation"),
+        twin=read_twin(validate_file, "validation"),
         contents=contents(study, friction, result.parameters.free),
     )
+    return page_artefacts(write_report, content, report, work)
 
 
-def _comparison(run: Run) -> Comparison | None:
-    """That of compare.json, where it is of these responses and as it was written."""
-    if changed_texts(run.folder, ["compare.json"]):
-        path = run.folder / "compare.json"
-        run.console.warn(f"{path} has changed since it was written and is left out; run `elastid compare` again")
-        return None
-    return read_comparison(run.folder / "compare.json", run.stamps["estimate"])
+def page_artefacts(
+    write_page: Callable[[Any, Path, Collection[FigureFormat], Execution], Path],
+    content: Any,
+    spec: ReportSpec,
+    work: Work,
+    further: Mapping[str, Write] = MappingProxyType({}),
+    lines: Sequence[str] = (),
+) -> Artefacts:
+    """A page of some content with its figures, after further files; lines of the report before its path."""
+    pages: list[Path] = []
+
+    def write(path: Path, stamp: Stamp) -> None:
+        with work.execution() as execution:
+            pages.append(write_page(content, path.parent, spec.formats, execution))
+
+    def report(console: Console) -> None:
+        for line in (*lines, *(f"report: {page}" for page in pages)):
+            console.say(line)
+
+    return Artefacts({**further, "report.html": write}, report)

@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
-from elastid.app.run import Run
+from pathlib import Path
+
+from elastid.app.stages.report import page_artefacts
+from elastid.app.work import Artefacts, Work
 from elastid.export.peaks import write_peaks
 from elastid.frf.peaks import peaks
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.frf.spec import EstimatorSpec
 from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
-from elastid.store import read_friction, read_responses
+from elastid.report.spec import ReportSpec
+from elastid.store import Stamp, read_friction, read_responses
 
 
-def report(run: Run) -> None:
-    """report.html, figures/ and peaks.csv."""
-    stamp, responses = run.stamps["report"], read_responses(run.path("estimate"))
-    found = tuple(peaks(response) for response in responses)
-    write_peaks(run.folder / "peaks.csv", responses, found)
+def report_responses(
+    *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
+) -> Artefacts:
+    """The page, figures and peaks.csv of responses without a robot."""
+    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
+    resonances = tuple(peaks(response) for response in responses)
+    # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
+    if friction is not None and estimator.friction == "auto" and not friction.shapes:
+        friction = None
     content = ResponsesContent(
-        title=run.study.name,
+        title=name,
         responses=responses,
-        peaks=found,
-        study_text=run.loaded.text,
-        provenance=stamp.shown,
-        friction=_friction(run),
+        peaks=resonances,
+        study_text=text,
+        provenance=work.stamp.shown,
+        friction=friction,
     )
-    with run.execution("report") as execution:
-        page = write_page_of_responses(content, run.folder, run.study.report.formats, execution)
-    for response, of_it in zip(responses, found, strict=True):
-        at = ", ".join(f"{peak.freq_hz:.4g}" for peak in of_it)
+    lines = []
+    for response, own in zip(responses, resonances, strict=True):
+        frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
         unit = "Hz" if response.rate_is_known else "of the sampling rate"
-        run.console.say(f"report: {response.configuration.name}: " + (f"peaks at {at} {unit}" if at else "no peak"))
-    run.console.say(f"report: {page}")
+        words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
+        lines.append(f"report: {response.configuration.name}: {words}")
 
+    def table(path: Path, stamp: Stamp) -> None:
+        write_peaks(path, responses, resonances)
 
-def _friction(run: Run) -> FrictionTakenOut | None:
-    """Friction that was taken out, or asked for by name; `auto` finds none in most structures, which says nothing."""
-    friction = read_friction(run.path("estimate"))
-    if friction is None or (run.study.estimator.friction == "auto" and not friction.shapes):
-        return None
-    return friction
+    return page_artefacts(write_page_of_responses, content, report, work, {"peaks.csv": table}, lines)

@@ -2,65 +2,142 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
+from pathlib import Path
 
-from elastid.app.records_in_time import InTime, records_in_time
-from elastid.app.run import Run
+from elastid.app.console import Console
+from elastid.app.dry_friction import shaft_couplings
+from elastid.app.identified_robot import with_found_friction
 from elastid.app.summaries import validation_summary, write_summary
-from elastid.app.twin_runs import runs_of_fit
+from elastid.app.work import Artefacts, Work
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
-from elastid.fit.fitted_robot import FittedRobot
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.fitted_robot import FittedRobot, robots_by_group
+from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.model.spec import ModelSpec
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
-from elastid.store import read_fit, read_responses, read_stamp, write_validation
+from elastid.robot import Robot
+from elastid.store import (
+    read_configurations,
+    read_fit,
+    read_friction,
+    read_plan,
+    read_records,
+    read_responses,
+    write_validation,
+)
+from elastid.study import Study
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
-from elastid.validation.replay import describe_replays
-from elastid.validation.results import Fold, Validation
-from elastid.validation.twin import describe_balance
-from elastid.validation.twin_run import TwinFindings
+from elastid.validation.elastic_twin import ModelParts, elastic_balances, model_parts, rigid_linearisation
+from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
+from elastid.validation.replay import describe_replays, replay
+from elastid.validation.results import Fold, Replay, Validation
+from elastid.validation.spec import ValidationSpec
+from elastid.validation.twin import TorqueBalance, describe_balance
+from elastid.validation.twin_run import TwinFindings, TwinRun
 
 
-def validate(run: Run) -> None:
-    """validation.h5 and validation.json: how far the fitted model carries, on left-out configurations if any."""
-    unfinished = run.resumed("validate")
-    with run.execution("validate", unfinished) as execution:
-        validation, in_time = _validation(run, execution)
-        runs = runs_of_fit(run, execution) if in_time is not None else ()
-    balances = tuple(balance for each in in_time or () for balance in each.balances)
+@dataclass(frozen=True)
+class _Validated:
+    """The values of a study that its validation reads, and its fitted robot."""
+
+    name: str
+    robot: Robot
+    model: ModelSpec
+    fit: FitSpec
+    spec: ValidationSpec
+    estimator: EstimatorSpec
+    fitted: FittedRobot
+    responses: Sequence[FrequencyResponse]
+    friction: FrictionTakenOut | None
+
+
+def validate(
+    *,
+    name: str,
+    seed: int,
+    robot: Robot,
+    experiment: ExperimentSpec,
+    model: ModelSpec,
+    seeded_fit: FitSpec,
+    estimator: EstimatorSpec,
+    validation: ValidationSpec,
+    estimate_file: Path,
+    fit_file: Path,
+    work: Work,
+    measure_file: Path | None = None,
+    design_file: Path | None = None,
+) -> Artefacts:
+    """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
+
+    measure_file: None where no records are kept, which are then not replayed.  design_file: the plan that a simulated
+    rig carries out along a record.
+    """
+    responses, result = read_responses(estimate_file), read_fit(fit_file)
+    fitted = FittedRobot.of(result, robot, responses, model)
+    friction = read_friction(estimate_file)
+    own = _Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction)
+    rig = None
+    if measure_file is not None and design_file is not None:
+        rig = SimulatedRig(robot, experiment, read_plan(design_file), seed)
+    unfinished = work.checkpoint()
+    if measure_file is None and experiment.responses is None:
+        work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
+    with work.execution(unfinished) as execution:
+        judged, in_time = _validation(own, measure_file, work.console, execution)
+        runs = _twin_runs(own, measure_file, rig, execution) if measure_file is not None else ()
+    balances = tuple(balance for each in in_time for balance in each.balances)
     twin = TwinFindings(balances, runs)
-    write_summary(run.summary("validate"), validation_summary(run.study, validation, twin))
-    write_validation(run.path("validate"), validation, run.stamps["validate"], twin)
-    unfinished.clear()
-    for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
-        if words:
-            run.console.say(f"validate: {words}")
-    if balances:
-        worst = max(balances, key=lambda balance: balance.left)
-        run.console.say(f"validate: {describe_balance(worst)}")
-    for words in twin.run_words:
-        run.console.say(f"validate: {words}")
+    study = Study(name=name, experiment=experiment, robot=robot)  # for the words of the summary
+    content = validation_summary(study, judged, twin)
+
+    def report(console: Console) -> None:
+        for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
+            if words:
+                console.say(f"validate: {words}")
+        if balances:
+            console.say(f"validate: {describe_balance(max(balances, key=lambda balance: balance.left))}")
+        for words in twin.run_words:
+            console.say(f"validate: {words}")
+
+    return Artefacts(
+        {
+            "validation.json": lambda path, stamp: write_summary(path, content),
+            "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin),
+        },
+        report,
+    )
 
 
-def _validation(run: Run, execution: Execution) -> tuple[Validation, list[InTime] | None]:
-    """How far the fitted model carries, why its cost is what it is, and the records through it, None without them."""
-    study, left_out = run.study, run.study.validation.left_out
-    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
-    modelled = fitted.responses
+def _validation(
+    own: _Validated, records: Path | None, console: Console, execution: Execution
+) -> tuple[Validation, list[_InTime]]:
+    """Prediction errors, the reasons for the cost, and the records through the model, none without records."""
+    left_out, responses, result = own.spec.left_out, own.responses, own.fitted.result
+    modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
-    shifts = {name: fitted.response_shifts(name) for name in left_out if name in measured}
+    shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
-    seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
-    in_time = records_in_time(run, fitted, execution) if _has_records(run) else None
-    replays = tuple(each.replayed for each in in_time or ())
-    folds = _folds(run, [Ghat for Ghat, _ in seen], execution)
+    pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
+    in_time = _records_in_time(own, records, console, execution) if records is not None else []
+    replays = tuple(each.replayed for each in in_time)
+    folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
     validation = replace(
         judged,
-        cost=explain_cost(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
+        cost=explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit),
         replays=replays,
         replayed=describe_replays(replays) if replays else "",
         folds=folds,
@@ -69,25 +146,83 @@ def _validation(run: Run, execution: Execution) -> tuple[Validation, list[InTime
     return validation, in_time
 
 
-def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
+def _folds(own: _Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
     """The fit again without each part of the configurations; none where the study asks for none."""
-    study = run.study
-    parts = divide([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
+    parts = divide([r.configuration.name for r in responses], own.spec.folds) if own.spec.folds else ()
     if not parts:
         return ()
-    own = ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    tasks = [RefitTask(own, part) for part in parts]
+    variant = ComparedVariant(own.name, own.robot, own.fit, own.model)
+    tasks = [RefitTask(variant, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
 
 
-def _has_records(run: Run) -> bool:
-    """Whether the records are there and are those of this study; responses from elsewhere have none."""
-    if "measure" not in run.stages:
-        return False
-    path = run.path("measure")
-    found = read_stamp(path)
-    if found is not None and found.inputs == run.stamps["measure"].inputs:
-        return True
-    run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
-    return False
+@dataclass(frozen=True)
+class _InTime:
+    """The records of one configuration replayed, and the torque of each motor in the first of them."""
+
+    replayed: Replay
+    balances: tuple[TorqueBalance, ...]
+
+
+def _records_in_time(own: _Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
+    """Of every configuration of records.h5; each process has a few records in memory at a time.
+
+    The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
+    """
+    names = read_configurations(path)
+    models = [each for each in _models(own, console) if each.configuration in names]
+    return execution.ordered(partial(_in_time, path, own.friction, shaft_couplings(own.robot), own.estimator), models)
+
+
+@dataclass(frozen=True, eq=False)
+class _Models:
+    """The model of one configuration with its numbers (n_theta,), its parts or None, and the lines (F,) in Hz."""
+
+    configuration: str
+    whole: LinearModel
+    theta: FloatArray
+    parts: ModelParts | None
+    freq_hz: FloatArray
+
+
+def _models(own: _Validated, console: Console) -> Iterator[_Models]:
+    fitted = own.fitted
+    try:
+        rigid = rigid_linearisation(fitted, own.model)
+    except StudyError as error:
+        console.say(f"validate: the torque is not divided into parts: {error}")
+        rigid = None
+    for response in fitted.measured:
+        name = response.configuration.name
+        parts = None if rigid is None else model_parts(fitted, rigid, name)
+        yield _Models(name, fitted.at(name), fitted.theta_of(name), parts, response.freq_hz)
+
+
+def _in_time(
+    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
+) -> _InTime:
+    records = read_records(path, models.configuration)
+    first = next(records)
+    (net,) = net_records([first], friction, E)
+    freq_hz, parts = models.freq_hz, models.parts
+    balances = () if parts is None else elastic_balances(first, net, parts, freq_hz, spec)
+    every = chain([net], net_records(records, friction, E))
+    band_hz = float(freq_hz[0]), float(freq_hz[-1])
+    return _InTime(replay(every, models.whole, models.theta, band_hz, spec), balances)
+
+
+def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:
+    """Simulations along the first record of the first configuration that was left out, or else of the first of all."""
+    names = read_configurations(path)
+    chosen = next((name for name in own.spec.left_out if name in names), names[0])
+    result = own.fitted.result
+    responses = [each for each in own.responses if each.configuration.name == chosen]
+    if not responses:
+        return ()
+    ((robot, _),) = robots_by_group(result, own.robot, [chosen]).values()
+    numbers = dict(zip(result.parameters.names, result.theta_of(chosen).tolist(), strict=True))
+    moved = with_found_friction(robot, own.friction)
+    record = next(iter(read_records(path, chosen)))
+    band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
+    return elastic_runs(record, FittedTwin(moved, numbers.get(DELAY, 0.0), own.model), band_hz, rig, execution)

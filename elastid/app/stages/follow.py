@@ -1,0 +1,197 @@
+"""follow: records and law of a friction study -> filter.h5, friction followed by a Kalman filter over the motions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.console import Console
+from elastid.app.work import Artefacts, Work
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.note import Note
+from elastid.base.numbers import number
+from elastid.friction.robot_friction import PlacedLaw, frictions
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
+from elastid.friction_study.filter_spec import FilterSpec
+from elastid.friction_study.follow import FollowedFriction, Motion, follow
+from elastid.friction_study.result import JointFriction
+from elastid.robot import Robot
+from elastid.robot.friction_numbers import with_laws
+from elastid.simulation.held_joint import held_joint
+from elastid.store.filter import write_filter
+from elastid.store.friction_study import read_friction_records, read_friction_result
+
+# Deflection at which bristles slip where no loop has identified it: counts of the encoder, or a share of the path.
+BRISTLE_COUNTS, BRISTLE_SHARE = 20, 1e-4
+# Share of the path; smaller steps of a position are rounding.
+MIN_COUNT_SHARE = 1e-7
+# Torque noise of a sample as a share of F_c, where neither levels nor motions have identified it.
+TORQUE_NOISE_SHARE = 0.05
+_PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}
+
+
+def follow_friction(
+    *, robot: Robot, filter: FilterSpec, measure_file: Path, friction_file: Path, work: Work
+) -> Artefacts:
+    """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
+    measured, result = read_friction_records(measure_file), read_friction_result(friction_file)
+    followed, notes = [], []
+    for joint in result.joints:
+        records = followed_records(measured, joint.joint)
+        try:
+            followed.append(_followed(robot, joint, records, filter))
+        except StudyError as error:
+            notes.append(Note("not-followed", str(error)))
+    if not followed:
+        raise StudyError("; ".join(note.text for note in notes))
+
+    def report(console: Console) -> None:
+        console.notes([*notes, *(note for each in followed for note in each.notes)])
+        for each in followed:
+            console.say(f"follow: joint {each.joint}: {_words(each)}")
+
+    return Artefacts({"filter.h5": lambda path, stamp: write_filter(path, tuple(followed), stamp)}, report)
+
+
+def followed_records(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
+    """The motions of a joint that moved alone, in the order of time."""
+    together = [record.name for record in measured.records]
+    own = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
+    chosen = [record for record in own if record.purpose in ("passes", "motion")]
+    return tuple(sorted(chosen, key=lambda record: record.start_s))
+
+
+def _followed(
+    robot: Robot, joint: JointFriction, records: tuple[FrictionRecord, ...], spec: FilterSpec
+) -> FollowedFriction:
+    if not records:
+        raise StudyError(
+            f"joint {joint.joint} has no motion in which it moves alone, with the torque of gravity known; record one"
+        )
+    ready = followable(robot, joint, records, spec)
+    return follow(
+        joint.joint, joint.slides, ready.joint, ready.motions, ready.rate_hz, ready.noise, spec.settle,
+        find_noise=spec.torque_std is None,
+    )  # fmt: skip
+
+
+def _words(followed: FollowedFriction) -> str:
+    """The followed numbers at the end, and the NIS."""
+    ends = [
+        f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
+        for i, name in enumerate(followed.names)
+    ]
+    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}"
+
+
+@dataclass(frozen=True)
+class Followable:
+    """A joint as a filter has it, its motions, and its noise as far as it is known beforehand."""
+
+    joint: FollowedJoint
+    motions: tuple[Motion, ...]
+    rate_hz: float
+    noise: FilterNoise
+
+
+def followable(
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
+) -> Followable:
+    """The joint of a study; StudyError where no friction was identified from which a filter could start."""
+    if identified.friction is None or identified.viscous is None:
+        raise StudyError(f"joint {identified.joint}: no friction was identified from which a filter could start")
+    law = next(
+        each
+        for each in frictions(with_laws(robot, {identified.joint: (identified.friction, identified.viscous)}))
+        if each.place == f"motor {identified.joint}"
+    )
+    joint = _joint(robot, identified, records, spec, law, identified.viscous)
+    motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
+    angle = max(_count(record) for record in records) / np.sqrt(12)
+    drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
+    torque = spec.torque_std or TORQUE_NOISE_SHARE * joint.coulomb
+    correlated = torque if spec.correlation_time > 0 else 0.0
+    return Followable(joint, motions, records[0].rate_hz, FilterNoise(float(angle), torque, correlated, drift=drift))
+
+
+def _joint(
+    robot: Robot,
+    identified: JointFriction,
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    law: PlacedLaw,
+    viscous: float,
+) -> FollowedJoint:
+    """Elastic where the robot's file has a spring, else with the inertia that was identified."""
+    F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
+    bristle_stiffness, bristle_damping = law.at_rest()
+    if law.law.n_states == 0:  # no presliding was identified
+        bristle_stiffness, bristle_damping = F_c / _slip_deflection(records), 0.0
+    known = {
+        "coulomb": F_c,
+        "viscous": max(viscous, 1e-6 * F_c),
+        "stiction_ratio": F_s / F_c,
+        "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0,
+        "bristle_stiffness": bristle_stiffness,
+        "bristle_damping": bristle_damping,
+        "correlation_s": spec.correlation_time,
+    }
+    posture = records[0].configuration
+    angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
+    elastic = held_joint(robot, identified.joint, angles)
+    if elastic is None:
+        return FollowedJoint(_inertia(identified), followed=spec.states, **known)
+    return FollowedJoint(
+        elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness, damping=elastic.damping,
+        followed=spec.states, **known,
+    )  # fmt: skip
+
+
+def _count(record: FrictionRecord) -> float:
+    """The step of the position, or the smallest difference of two of its values; without steps a small share."""
+    if record.resolution > 0:
+        return record.resolution
+    gaps = np.diff(np.unique(record.position))
+    min_gap = MIN_COUNT_SHARE * float(np.ptp(record.position))
+    larger = gaps[gaps > min_gap]
+    return float(np.min(larger)) if larger.size else min_gap
+
+
+def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
+    """A deflection that is small relative to the motion and larger than the encoder's counts."""
+    path = max(float(np.ptp(record.position)) for record in records)
+    return max([BRISTLE_SHARE * path, *(BRISTLE_COUNTS * record.resolution for record in records)])
+
+
+def _inertia(identified: JointFriction) -> float:
+    """Inertia of all that a rigid joint moves."""
+    if identified.motion is not None:
+        return identified.motion.chosen["inertia"]
+    if identified.levels is not None and "inertia" in identified.levels.shared:
+        return identified.levels.shared["inertia"][0]
+    raise StudyError(
+        f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is known: a "
+        "filter needs the inertia; record a motion that accelerates, or give the joint's spring"
+    )
+
+
+def _gravity(identified: JointFriction) -> Mapping[str, float]:
+    """cos, sin and constant part of the torque that gravity and offsets take, as the study has identified them."""
+    if identified.motion is not None:
+        chosen = identified.motion.chosen
+        numbers = dict(zip(chosen.names, chosen.values.tolist(), strict=True))
+    else:
+        numbers = {name: value for name, (value, _) in (identified.levels.shared if identified.levels else {}).items()}
+    return {part: numbers.get(name, 0.0) for part, name in _PARTS.items()}
+
+
+def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> Motion:
+    """A record as a filter reads it: torque held from one sample to the next, at whose end the angle is."""
+    q: FloatArray = record.position
+    load = gravity["cos"] * np.cos(q) + gravity["sin"] * np.sin(q) + gravity["constant"]
+    return Motion(JointSamples(record.torque[:-1], load[:-1], q[1:]), record.start_s - first_s)

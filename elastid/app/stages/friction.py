@@ -1,0 +1,266 @@
+"""The stages of a friction study, from its plan to its page; `follow` has a file of its own."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from elastid.app.console import Console
+from elastid.app.friction_summaries import failed_friction, friction_study_summary
+from elastid.app.identified_robot import robot_of_friction, with_identified_friction
+from elastid.app.run import Run
+from elastid.app.stages.measure import measure_parts, part_path, report_count
+from elastid.app.stages.report import page_artefacts
+from elastid.app.summaries import write_summary
+from elastid.app.tables import friction_table
+from elastid.app.work import Artefacts, Work, text
+from elastid.base.errors import FitError
+from elastid.base.execution import Execution
+from elastid.base.note import Note
+from elastid.design.friction import design_friction
+from elastid.experiment.plan.friction import FrictionPlan, FrictionRig, PlannedMotion
+from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
+from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.friction_record import FrictionRecord
+from elastid.friction_study.identify import identify_friction
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.laws import NOT_ASKED
+from elastid.friction_study.result import JointLevels
+from elastid.friction_study.spec import FrictionSpec, LoadSpec
+from elastid.recorded.friction_logs import read_friction_logs
+from elastid.report.friction_content import FrictionContent, part_words, refusals
+from elastid.report.page.page_of_friction import write_page_of_friction
+from elastid.report.spec import ReportSpec
+from elastid.robot import Joint, Robot
+from elastid.store import Stamp
+from elastid.store.filter import read_filter
+from elastid.store.friction_study import (
+    FRICTION,
+    read_friction_plan,
+    read_friction_records,
+    read_friction_result,
+    read_levels,
+    write_friction_plan,
+    write_friction_records,
+    write_friction_result,
+    write_levels,
+    write_pass_reference,
+    write_torque_reference,
+)
+from elastid.store.twin import read_twin
+from elastid.study import Study
+from elastid.validation.friction_twin import friction_balances
+from elastid.validation.friction_twin_run import friction_runs
+from elastid.validation.twin import describe_balance
+from elastid.validation.twin_run import TwinFindings
+
+
+def design_motions(
+    *,
+    seed: int,
+    robot: Robot,
+    friction_joints: tuple[Joint, ...],
+    experiment: ExperimentSpec,
+    friction: FrictionSpec,
+    work: Work,
+) -> Artefacts:
+    """plan.h5 of a friction study, and references/<motion>.csv for a robot controller, within the robot's limits."""
+    plan = design_friction(friction, friction_joints, experiment, robot, seed)
+
+    def report(console: Console) -> None:
+        console.notes(plan.notes)
+        console.say(
+            f"design: {len(plan.motions)} motions of {len(plan.designs)} joints, {plan.robot_time_s / 60:.3g} min of "
+            "the robot's time"
+        )
+        for sentence in (*plan.known, *plan.unknown):
+            console.say(f"design: {sentence}")
+
+    return Artefacts(
+        {
+            "references": partial(_write_motions, plan),
+            "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
+        },
+        report,
+    )
+
+
+def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
+    """A file for each motion."""
+    shutil.rmtree(folder, ignore_errors=True)
+    limits = {each.joint: each.limits for each in plan.designs}
+    for motion in plan.motions:
+        path = folder / f"{motion.name}.csv"
+        if motion.planned is not None:
+            write_pass_reference(path, pass_reference(motion.planned, limits[motion.joint], plan.rate_hz))
+        elif motion.torque is not None:
+            write_torque_reference(path, motion.torque, plan.rate_hz)
+
+
+def simulate_motions(
+    *, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work
+) -> Artefacts:
+    """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
+    rig = SimulatedFrictionRig(robot, experiment, read_friction_plan(design_file), seed)
+    measure_parts(work, rig.motions, partial(_measure_motion, rig), "motions")
+    notes: list[Note] = []
+
+    def write(path: Path, stamp: Stamp) -> None:
+        write_friction_records(path, _measured_motions(work.parts, rig.motions, notes), rig.warm_ups(), stamp=stamp)
+
+    return Artefacts({"records.h5": write}, partial(report_count, notes, len(rig.motions)))
+
+
+def import_motions(
+    *,
+    robot: Robot,
+    friction_joints: tuple[Joint, ...],
+    experiment: ExperimentSpec,
+    loads: tuple[LoadSpec, ...],
+    files: Path,
+    work: Work,
+) -> Artefacts:
+    """records.h5 of the logs of a friction study."""
+    joints, payloads = [joint.name for joint in friction_joints], {load.name: load.payload for load in loads}
+    logs = read_friction_logs(robot, experiment, files, joints, payloads)
+    notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
+    return Artefacts(
+        {
+            "records.h5": lambda path, stamp: write_friction_records(
+                path, logs.records, logs.warm_ups, logs.notes, stamp
+            )
+        },
+        partial(report_count, notes, len(logs.records)),
+    )
+
+
+def _measure_motion(rig: FrictionRig, path: Path, stamp: Stamp, motion: PlannedMotion) -> None:
+    write_friction_records(path, [rig.measure(motion)], stamp=stamp)
+
+
+def _measured_motions(folder: Path, motions: Sequence[PlannedMotion], notes: list[Note]) -> Iterator[FrictionRecord]:
+    """The records in the order of the plan, one at a time; their notes are gathered on the way."""
+    for motion in motions:
+        for record in read_friction_records(part_path(folder, motion)).records:
+            notes += record.notes
+            yield record
+
+
+def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
+    """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
+    measured = read_friction_records(measure_file)
+    joints = [joint for joint in friction_joints if joint.name in measured.joints]
+    joint_levels = find_joint_levels(robot, joints, measured)
+
+    def report(console: Console) -> None:
+        console.notes(note for each in joint_levels for note in each.notes)
+        for each in joint_levels:
+            console.say(f"levels: joint {each.joint}: {_level_words(each)}")
+
+    return Artefacts({"levels.h5": lambda path, stamp: write_levels(path, joint_levels, stamp)}, report)
+
+
+def friction(
+    *,
+    name: str,
+    robot: Robot,
+    experiment: ExperimentSpec,
+    friction: FrictionSpec,
+    measure_file: Path,
+    levels_file: Path,
+    work: Work,
+) -> Artefacts:
+    """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
+    study = Study(name=name, experiment=experiment, robot=robot, friction=friction)  # for the words of the summary
+    joint_levels, measured = read_levels(levels_file), read_friction_records(measure_file)
+    simulated, recorded = experiment.simulated, experiment.recorded
+    truth = None if simulated is None else true_robot(robot, simulated.truth)
+    try:
+        result = identify_friction(robot, joint_levels, measured, friction, truth)
+    except FitError as error:
+        failed = failed_friction(study, str(error))
+        return Artefacts({"summary.json": lambda path, stamp: write_summary(path, failed)}, error=error)
+    # Along the first log of each group of joints that moved together.
+    identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
+    runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
+    twin = TwinFindings(friction_balances(result.joints, measured), runs)
+    content = friction_study_summary(study, result, twin)
+    reported = [note for each in joint_levels for note in each.notes]
+
+    def report(console: Console) -> None:
+        console.notes(note for each in result.joints for note in each.notes if note not in reported)
+        console.say(f"friction: {result.message}")
+        for balance in twin.balances:
+            console.say(f"friction: {describe_balance(balance)}")
+        for words in twin.run_words:
+            console.say(f"friction: {words}")
+
+    return Artefacts(
+        {
+            "summary.json": lambda path, stamp: write_summary(path, content),
+            "identified_robot.yml": text(robot_of_friction(name, robot, result)),
+            "friction.h5": lambda path, stamp: write_friction_result(path, result, stamp, twin),
+        },
+        report,
+    )
+
+
+def report_friction(
+    *,
+    name: str,
+    text: str,
+    report: ReportSpec,
+    friction_file: Path,
+    work: Work,
+    design_file: Path | None = None,
+    follow_file: Path | None = None,
+) -> Artefacts:
+    """The page and figures of a friction study."""
+    content = FrictionContent(
+        title=name,
+        result=read_friction_result(friction_file),
+        study_text=text,
+        provenance=work.stamp.shown,
+        plan=read_friction_plan(design_file) if design_file is not None else None,
+        twin=read_twin(friction_file, FRICTION),
+        filters=read_filter(follow_file) if follow_file is not None else (),
+    )
+    return page_artefacts(write_page_of_friction, content, report, work)
+
+
+def conclude(run: Run) -> None:
+    """Show the numbers, the files, and in the last line the parts that were not identified."""
+    result = read_friction_result(run.path("friction"))
+    run.console.table(friction_table(result.numbers))
+    for refusal in refusals(result):
+        if refusal.reason != NOT_ASKED:
+            run.console.say(f"{_joints(refusal.joints)}: no {refusal.part}: {refusal.reason}")
+    leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
+    for path in (run.folder / name for name in leaves):
+        if path.exists():
+            run.console.say(str(path))
+    missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
+    if result.status == "failed":
+        raise FitError(f"no friction was identified: {result.message}; the notes above say why")
+    meaning = f"these data do not tell {', '.join(missing)}" if missing else "each joint has its curve of friction"
+    run.console.say(f"{result.status}: {meaning}")
+
+
+def _joints(names: tuple[str, ...]) -> str:
+    return f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def _level_words(joint: JointLevels) -> str:
+    unit = "m/s" if joint.slides else "rad/s"
+    parts = []
+    if joint.levels is not None:
+        curve = joint.levels.levels
+        parts.append(f"{curve.n_levels} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
+    if joint.motion is not None:
+        error = joint.motion.chosen.relative_error
+        parts.append(f"a motion, {error:.1%} of whose torque inertia, gravity and friction leave")
+    return ", ".join(parts)
