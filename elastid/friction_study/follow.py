@@ -207,8 +207,8 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
         of = names[i]
         text = (
             f"{of} went to {track.values(of)[-1]:.4g}, {FILTER.diverged_stds:g} standard deviations from what the "
-            "joint was known by: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
-            "filter.torque_std"
+            "joint was known by: the filter has lost the log; correct inertia, spring and friction of the joint, or "
+            "give filter.torque_std"
         )
         yield Note("diverged", text, place, severity="warning")
 
