@@ -23,6 +23,7 @@ from elastid.friction_study.extended_kalman_filter import (
     first_estimate,
 )
 from elastid.friction_study.innovations import (
+    FILTER,
     NIS_BAND,
     Consistency,
     Direction,
@@ -39,12 +40,6 @@ SHOWN = 2000
 NOISE_STRETCH_S = 60.0
 # Lags of the autocorrelation.
 LAGS = 50
-# A direction is weakly known whose std is above this part of what it was before the log.
-WEAKLY_KNOWN = 0.5
-# Correlation beyond which two numbers cannot be distinguished.
-DISTINCT_CORRELATION = 0.9
-# Standard deviations of what was known before, beyond which a filter has diverged.
-DIVERGED_STDS = 5.0
 REVERSALS = (
     "reversals tell Coulomb friction from an offset, several speeds tell it from viscous friction; move both ways, at "
     "several speeds"
@@ -196,10 +191,10 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
     if held:
         text = f"the motion tells nothing of {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("not-excited", text, place)
-    elif weakest.ratio > WEAKLY_KNOWN:
+    elif weakest.ratio > FILTER.weak_std_ratio:
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
         yield Note("weakly-excited", text, place)
-    if abs(correlation) > DISTINCT_CORRELATION:
+    if abs(correlation) > FILTER.distinct_correlation:
         text = f"{' and '.join(pair)} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
         yield Note("not-distinguished", text, place, severity="warning")
 
@@ -208,12 +203,12 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
     """Numbers that ended far outside of their prior."""
     names = track.joint.followed
     p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
-    for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > DIVERGED_STDS * prior):
+    for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > FILTER.diverged_stds * prior):
         of = names[i]
         text = (
-            f"{of} went to {track.values(of)[-1]:.4g}, {DIVERGED_STDS:g} standard deviations from what the joint was "
-            "known by: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
-            "filter.torque_std"
+            f"{of} went to {track.values(of)[-1]:.4g}, {FILTER.diverged_stds:g} standard deviations from what the "
+            "joint was known by: the filter has lost the log; correct inertia, spring and friction of the joint, or "
+            "give filter.torque_std"
         )
         yield Note("diverged", text, place, severity="warning")
 

@@ -28,14 +28,22 @@ from elastid.friction_study.extended_kalman_filter import Estimate, FilterNoise,
 
 # Mean NIS of an honest filter on a joint with friction; the chi-squared band of white innovations is narrower.
 NIS_BAND = (0.9, 1.1)
-# Time around a stop, in s, in which a filter that takes its bristle for certain goes wrong.
-AROUND_A_STOP = 0.2
-# Below this share of the largest velocity a joint stands.
-STANDS = 0.02
-# Innovations correlated by more from sample to sample are not those of white noise.
-MAX_CORRELATION = 0.3
-# What is followed is not known where its std is above this part of what it would be without the log.
-MAX_STD_RATIO = 0.9
+
+
+@dataclass(frozen=True)
+class FilterThresholds:
+    """Thresholds of the judgement of a filter, beside NIS_BAND."""
+
+    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
+    standing_share: float = 0.02  # of the largest velocity: a joint stands below
+    max_correlation: float = 0.3  # of innovations from sample to sample; those of white noise have less
+    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
+    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
+    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
+    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
+
+
+FILTER = FilterThresholds()
 
 
 @frozen_value
@@ -55,7 +63,7 @@ class Consistency:
     @property
     def is_white(self) -> bool:
         """True if innovations are barely correlated from sample to sample."""
-        return bool(abs(self.autocorrelation[1]) < MAX_CORRELATION)
+        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
 
     @property
     def is_honest(self) -> bool:
@@ -125,14 +133,14 @@ def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
     prior_std (n, p) or (p,): what its std would be without the log, the drift included.
     """
     std = np.sqrt(np.diagonal(track.followed_covariance, axis1=1, axis2=2))
-    return np.asarray(std > MAX_STD_RATIO * prior_std)
+    return np.asarray(std > FILTER.max_std_ratio * prior_std)
 
 
 def _around_stops(track: Track) -> BoolArray:
-    """Samples within AROUND_A_STOP of one at which the joint stands."""
+    """Samples within `around_a_stop_s` of one at which the joint stands."""
     speed = np.abs(track.values("v_m"))
-    stands = speed < STANDS * float(np.quantile(speed, 0.99))
-    reach = round(AROUND_A_STOP * track.rate_hz)
+    stands = speed < FILTER.standing_share * float(np.quantile(speed, 0.99))
+    reach = round(FILTER.around_a_stop_s * track.rate_hz)
     if not stands.any() or stands.all():
         return np.zeros(len(stands), bool)
     return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)

@@ -13,6 +13,7 @@ Loops before sliding are compared with the counts of the encoder.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legval, legvander
@@ -26,19 +27,24 @@ from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.passes import Pass
 
-# Equal samples in a row at the largest torque of all passes, and their share of a pass, from which on it is clipped; a
-# noise-free torque is constant throughout.
-CLIPPED_RUN, CLIPPED_SHARE, CONSTANT_SHARE = 3, 0.02, 0.98
-# Values that a pass takes in a log with fine steps.
-MIN_VALUES = 50
-# A load that equals the torque this closely, in pairs whose torques differ by as much, is that torque.
-SAME_TORQUE, DIFFERENT_TORQUES = 0.01, 0.05
-# Chance of a step of the offset where there is none, over all places at which one may be; and its least size, as a
-# share of the smallest level.
-STEP_CHANCE, STEP_SHARE = 1e-3, 0.1
-SAME_LOAD = 0.05
-# Gravity over friction from which on a small error of gravity is a large one of friction.
-LARGE_GRAVITY = 50.0
+
+@dataclass(frozen=True)
+class PassThresholds:
+    """Thresholds of the judgement of passes; shares are of the quantity that is named."""
+
+    clipped_run: int = 3  # equal samples in a row at the largest torque of all passes
+    clipped_share: float = 0.02  # of a pass, at that torque, from which on it is clipped
+    constant_share: float = 0.98  # of a pass: a torque without noise is constant throughout
+    min_values: int = 50  # different torques of a pass in a log of fine steps
+    same_torque: float = 0.01  # of the largest: a load as near to the torque is that torque
+    different_torques: float = 0.05  # of the largest, by which torques differ at least to show that
+    step_chance: float = 1e-3  # of a step of the offset that is none, over all places of one
+    step_share: float = 0.1  # of the smallest level: the least step that counts
+    same_load: float = 0.05  # of the largest load: loads as near are one
+    large_gravity: float = 50.0  # over friction: a small error of gravity is then a large one of friction
+
+
+PASSES = PassThresholds()
 
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
@@ -73,9 +79,16 @@ def _clipped(passes: Sequence[Pass]) -> dict[str, tuple[str, str]]:
     found: dict[str, tuple[str, str]] = {}
     for each in passes:
         at_limit = np.abs(each.torque) == limit
-        run, share = np.convolve(at_limit, np.ones(CLIPPED_RUN), "valid").max(initial=0.0), float(np.mean(at_limit))
+        run, share = (
+            np.convolve(at_limit, np.ones(PASSES.clipped_run), "valid").max(initial=0.0),
+            float(np.mean(at_limit)),
+        )
         # The steps of a coarse converter are no limit.
-        if run >= CLIPPED_RUN and CLIPPED_SHARE <= share < CONSTANT_SHARE and len(np.unique(each.torque)) > MIN_VALUES:
+        if (
+            run >= PASSES.clipped_run
+            and PASSES.clipped_share <= share < PASSES.constant_share
+            and len(np.unique(each.torque)) > PASSES.min_values
+        ):
             found[each.pair] = (
                 "clipped-pass",
                 (
@@ -90,9 +103,9 @@ def check_loads(passes: Sequence[Pass]) -> None:
     """DataError where the load of passes is the very torque that they are to explain."""
     torque = np.array([abs(float(each.torque.mean())) for each in passes])
     load = np.array([each.load for each in passes])
-    if len(passes) < 3 or not load.any() or np.ptp(torque) < DIFFERENT_TORQUES * torque.max():
+    if len(passes) < 3 or not load.any() or np.ptp(torque) < PASSES.different_torques * torque.max():
         return
-    if np.all(np.abs(load - torque) <= SAME_TORQUE * torque.max()):
+    if np.all(np.abs(load - torque) <= PASSES.same_torque * torque.max()):
         raise DataError(
             f"passes of {passes[0].place}: the load of each equals its own torque ({load.min():.4g} to "
             f"{load.max():.4g}): friction would explain itself; the load is the torque of gravity that the model holds "
@@ -120,7 +133,7 @@ def offset_steps(
 
 def _groups(load: FloatArray) -> list[list[int]]:
     """Pairs of one load, to a twentieth of the largest."""
-    rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / SAME_LOAD)
+    rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / PASSES.same_load)
     return [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
 
 
@@ -135,8 +148,8 @@ def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], le
     costs = [_left(np.column_stack([smooth, np.arange(n) >= k]), offset) for k in range(1, n)]
     k = 1 + int(np.argmin(costs))
     size = float(np.linalg.lstsq(np.column_stack([smooth, np.arange(n) >= k]), offset, rcond=None)[0][2])
-    is_chance = f_test(without - costs[k - 1], 1, costs[k - 1], dof) * (n - 1) > STEP_CHANCE
-    if is_chance or abs(size) < STEP_SHARE * float(np.abs(level).min()):
+    is_chance = f_test(without - costs[k - 1], 1, costs[k - 1], dof) * (n - 1) > PASSES.step_chance
+    if is_chance or abs(size) < PASSES.step_share * float(np.abs(level).min()):
         return ""
     return (
         f"their offset jumps by {size:.4g} {unit} between pass {names[k - 1]} and pass {names[k]}: controller, sensor "
@@ -158,13 +171,13 @@ def gravity_note(
     if "gravity.cos" not in shared or not len(levels):
         return ()
     gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
-    if gravity < LARGE_GRAVITY * friction:
+    if gravity < PASSES.large_gravity * friction:
         return ()
     unit = "N" if slides else "N*m"
     text = (
         f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
-        f"of {1 / LARGE_GRAVITY:.0%} in it is as large as friction, and the std of the levels is mostly its; measure "
-        "about the vertical, in a posture with less gravity, or with a counterweight"
+        f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
+        "measure about the vertical, in a posture with less gravity, or with a counterweight"
     )
     return (Note("large-gravity", text, f"passes of {place}"),)
 
