@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.base.numbers import digits, interval_of, number
@@ -73,28 +73,41 @@ class FitResult:
     """
 
     parameters: ParameterSet
-    x: FloatArray
-    covariance: FloatArray
+    x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")
+    covariance: FloatArray = labelled("covariance of x", "", "free_names free_names")
     cost: float
     dof: int
     cost_expected: float
     status: Status
     message: str
-    starts: tuple[LocalOptimum, ...]
+    starts: tuple[LocalOptimum, ...] = labelled(rows=True)
     hits: int
-    at_bound: BoolArray
-    singular_values: FloatArray
+    at_bound: BoolArray = labelled("estimates at a bound", "", "free_names")
+    singular_values: FloatArray = labelled("singular values of the Jacobian, columns scaled")
     criterion: str
     notes: tuple[Note, ...] = ()
-    profile95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    bootstrap95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    profile95: FloatArray = labelled(
+        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=lambda: np.zeros((0, 2))
+    )
+    bootstrap95: FloatArray = labelled(
+        "95 % interval by bootstrap", "SI", "free_names end", default_factory=lambda: np.zeros((0, 2))
+    )
     configurations: tuple[str, ...] = ()
-    share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    informing_hz: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
+    share: FloatArray = labelled(
+        "share of the information about a parameter",
+        "",
+        "configurations free_names",
+        default_factory=lambda: np.zeros((0, 0)),
+    )
+    informing_hz: FloatArray = labelled(
+        "middle half of that information", "", "free_names end", default_factory=lambda: np.zeros((0, 2))
+    )
+    weakest: FloatArray = labelled(
+        "least known combination of parameters", "", "free_names", default_factory=lambda: np.zeros(0)
+    )
     cost_dof: float = math.nan
-    indices: tuple[ModificationIndex, ...] = ()
-    linear: tuple[LinearModel, ...] = ()
+    indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
+    linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
 
     def __post_init__(self) -> None:
         """Check shapes."""

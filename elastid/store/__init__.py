@@ -35,10 +35,10 @@ if TYPE_CHECKING:
         write_torque,
     )
     from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
-    from elastid.store.friction import read_friction
     from elastid.store.lock import one_writer
     from elastid.store.measured import (
         read_configurations,
+        read_friction,
         read_records,
         read_responses,
         write_records,
@@ -62,7 +62,7 @@ _HOME = {
     "read_configurations": "elastid.store.measured",
     "read_fit": "elastid.store.results",
     "read_forecast": "elastid.store.design",
-    "read_friction": "elastid.store.friction",
+    "read_friction": "elastid.store.measured",
     "read_peaks": "elastid.store.design",
     "read_plan": "elastid.store.design",
     "read_records": "elastid.store.measured",

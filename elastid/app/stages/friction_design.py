@@ -8,7 +8,8 @@ from elastid.app.run import Run
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
-from elastid.store.friction_study import write_friction_plan, write_pass_reference, write_torque_reference
+from elastid.store.design import write_pass_reference, write_torque_reference
+from elastid.store.friction_study import write_friction_plan
 from elastid.study import Study
 
 

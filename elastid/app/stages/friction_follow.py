@@ -11,8 +11,7 @@ from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.observer.follow import FollowedFriction, follow
 from elastid.observer.spec import FilterSpec
-from elastid.store.filter import write_filter
-from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.friction_study import read_friction_records, read_friction_result, write_filter
 
 
 def follow_friction(run: Run) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from elastid.app.run import Run
 from elastid.report.friction_content import FrictionContent
 from elastid.report.page.page_of_friction import write_page_of_friction
-from elastid.store.filter import read_filter
-from elastid.store.friction_study import FRICTION, read_friction_plan, read_friction_result
-from elastid.store.twin import read_twin
+from elastid.store.friction_study import FRICTION, read_filter, read_friction_plan, read_friction_result
+from elastid.store.results import read_twin
 
 
 def report(run: Run) -> None:

@@ -21,7 +21,7 @@ from elastid.store import (
     read_validation,
 )
 from elastid.store.comparison import read_comparison
-from elastid.store.twin import read_twin
+from elastid.store.results import read_twin
 from elastid.validation.comparison import Comparison
 
 
