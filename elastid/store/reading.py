@@ -125,7 +125,7 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
         case "array":
             if isinstance(item, h5py.Dataset):
                 return list(item[()])
-            shapes, values = item["shape"][:].tolist(), item["values"][:]
+            shapes, values = [[n for n in row if n >= 0] for row in item["shape"][:].tolist()], item["values"][:]
             parts = _split(values, [math.prod(shape) for shape in shapes])
             return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
         case "optional":

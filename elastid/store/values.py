@@ -4,7 +4,7 @@ A dataclass is a group, numbers and texts in it are attributes, arrays datasets 
 None is absent, and so is an empty tuple or mapping that is the default.  A tuple of numbers or texts is a dataset.  A
 tuple of dataclasses is a table, with a column for each field; where these hold arrays, it is a group with an entry for
 each instead.  In a table, a column of tuples is a group of their `values` in a row and the `count` of each, one of
-arrays that differ in shape their `values` and `shape`, and one of values that may be None those that are `known`.  A
+arrays that differ in shape their `values` and `shape` (-1 where there is no dimension), and one of values that may be None those that are `known`.  A
 mapping is a group of `names` and `values`.
 """
 
@@ -185,7 +185,9 @@ def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any,
         for i, part in enumerate(kind.parts):
             _write_column(inner, str(i), [value[i] for value in values], part, label, above)
     elif kind.form == "array":
-        inner.create_dataset("shape", data=np.array([each.shape for each in values]))
+        depth = max(each.ndim for each in values)
+        shapes = [each.shape + (-1,) * (depth - each.ndim) for each in values]
+        inner.create_dataset("shape", data=np.array(shapes, np.int64))
         inner.create_dataset("values", data=np.concatenate([each.ravel() for each in values]))
     else:
         inner.create_dataset("count", data=np.array([len(value) for value in values], np.int64))
