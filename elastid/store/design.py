@@ -17,7 +17,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.store.files import NO_STAMP, Stamp, text_file
-from elastid.store.reading import read_part
+from elastid.store.reading import read_optional_part, read_part
 from elastid.store.values import write_artefact
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def read_forecast(path: Path | str) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
     from elastid.design.forecast import Forecast  # brings the fit, which a reader of the plan does not need
 
-    return read_part(path, PLAN, "forecast", Forecast | None)
+    return read_optional_part(path, PLAN, "forecast", Forecast)
 
 
 def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:

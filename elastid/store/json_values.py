@@ -10,6 +10,9 @@ import numpy as np
 
 from elastid.store.kinds import fields_of, kind_of_annotation
 
+# Version of the form of summary.json and validation.json.
+SCHEMA = 1
+
 
 def or_null(number: float) -> float | None:
     """A finite number, and null in place of others, which JSON lacks."""

@@ -10,7 +10,7 @@ from elastid.frf.friction.result import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store.files import NO_STAMP, Stamp, opened
-from elastid.store.reading import entry_names, read_dataclass, read_part
+from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
 from elastid.store.values import write_artefact
 
 RECORDS, RESPONSES = "records", "frf"
@@ -66,4 +66,4 @@ def read_responses(path: Path | str) -> tuple[FrequencyResponse, ...]:
 
 def read_friction(path: Path | str) -> FrictionTakenOut | None:
     """The friction that was taken out of the responses in frf.h5; None where the study asked for none."""
-    return read_part(path, RESPONSES, "friction", FrictionTakenOut | None)
+    return read_optional_part(path, RESPONSES, "friction", FrictionTakenOut)

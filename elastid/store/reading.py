@@ -192,7 +192,15 @@ def _split(values: Any, counts: list[int]) -> list[Any]:
     return [tuple(islice(rest, count)) for count in counts]
 
 
-def read_part(path: Path | str, kind: str, name: str, annotation: Any) -> Any:
-    """One part of a file of a kind; None where it is absent and may be."""
+def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
+    """One part of a file of a kind; DataError where it is absent."""
     with opened(path, kind) as file:
-        return read_value(file, name, annotation)
+        part: T = read_value(file, name, annotation)
+        return part
+
+
+def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T | None:
+    """One part of a file of a kind, or None."""
+    with opened(path, kind) as file:
+        part: T | None = read_value(file, name, annotation) if name in file else None
+        return part

@@ -3,9 +3,9 @@
 A dataclass is a group, numbers and texts in it are attributes, arrays datasets with unit, meaning and dimension scales.
 None is absent, and so is an empty tuple or mapping that is the default.  A tuple of numbers or texts is a dataset.  A
 tuple of dataclasses is a table, with a column for each field; where these hold arrays, it is a group with an entry for
-each instead.  In a table, a column of tuples is a group of their `values` in a row and the `count` of each, one of
-arrays that differ in shape their `values` and `shape` (-1 where there is no dimension), and one of values that may be None those that are `known`.  A
-mapping is a group of `names` and `values`.
+each instead.  A mapping is a group of `names` and `values`.  In a table, a column of tuples is a group of their
+`values` in a row and the `count` of each, one of arrays that differ in shape their `values` and `shape` (-1 where there
+is no dimension), and one of values that may be None those that are `known`.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any,
             inner.create_dataset("names", data=list(chain.from_iterable(values)), dtype=TEXT)
             values = [tuple(value.values()) for value in values]
         row = list(chain.from_iterable(values))
-        write_value(inner, "values", tuple(row), tuple[kind.parts[0], ...], label, above)
+        write_value(inner, "values", tuple(row), tuple[kind.parts[0], ...], label, above)  # type: ignore[name-defined]
     return None
 
 

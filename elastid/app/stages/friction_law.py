@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from elastid.app.friction_summaries import failed_friction, friction_study_summary
 from elastid.app.friction_twin_runs import runs_of_friction
 from elastid.app.identified_robot import robot_of_friction
 from elastid.app.run import Run
-from elastid.app.summaries import write_summary
+from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
 from elastid.app.tables import friction_table
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
