@@ -66,7 +66,7 @@ class Configuration:
     """
 
     name: str
-    angles: FloatArray = labelled("angles of the driven joints", "rad")
+    angles: FloatArray = labelled("angle of the driven joints", "rad")
 
     def __post_init__(self) -> None:
         """A single angle is one of one joint; refuse angles that are not finite."""
@@ -110,9 +110,7 @@ class Record:
     quantities: tuple[Motion, ...] = labelled("quantity of each output", axes="outputs")
     u: FloatArray = labelled("torque that acts, link side", "{units_of_inputs}", "time_s inputs")
     y: FloatArray = labelled("motion, link side", "{output_units}", "time_s outputs")
-    r: FloatArray | None = labelled(
-        "torque that was injected, link side", "{units_of_inputs}", "time_s inputs", default=None
-    )
+    r: FloatArray | None = labelled("injected torque, link side", "{units_of_inputs}", "time_s inputs", default=None)
     rate_is_known: bool = True
     notes: tuple[Note, ...] = field(default=())
     hold: Hold = "band-limited"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.friction_fit.motion import MotionFriction
-from elastid.friction_fit.result import FrictionResult
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.modes import modes, shapes_of_all
@@ -36,6 +34,10 @@ from elastid.store.json_values import SCHEMA, json_value
 from elastid.study import Study
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
+
+if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
+    from elastid.friction_fit.motion import MotionFriction
+    from elastid.friction_fit.result import FrictionResult
 
 CORRELATED = 0.9
 

@@ -26,9 +26,7 @@ class LimitUse:
 
     configurations: tuple[str, ...]
     inputs: tuple[str, ...]
-    peak: FloatArray = labelled(
-        "largest value of any experiment in the rehearsal, link side", "", "configurations quantity inputs"
-    )
+    peak: FloatArray = labelled("largest value in the rehearsal, link side", "", "configurations quantity inputs")
     limit: FloatArray = labelled("limit, infinite where there is none", "", "configurations quantity inputs")
     factor: FloatArray = labelled("factor on the amplitudes that the study gives", "", "configurations inputs")
     margin: float

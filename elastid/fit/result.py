@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -57,6 +58,9 @@ def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
     return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
 
 
+_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
+
+
 @frozen_value
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
@@ -87,24 +91,15 @@ class FitResult:
     criterion: str
     notes: tuple[Note, ...] = ()
     profile95: FloatArray = labelled(
-        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=lambda: np.zeros((0, 2))
+        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=_NO_PAIRS
     )
-    bootstrap95: FloatArray = labelled(
-        "95 % interval by bootstrap", "SI", "free_names end", default_factory=lambda: np.zeros((0, 2))
-    )
+    bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
     configurations: tuple[str, ...] = ()
-    share: FloatArray = labelled(
-        "share of the information about a parameter",
-        "",
-        "configurations free_names",
-        default_factory=lambda: np.zeros((0, 0)),
-    )
+    share: FloatArray = labelled("share of the information", "", "configurations free_names", default_factory=_NO_TABLE)
     informing_hz: FloatArray = labelled(
-        "middle half of that information", "", "free_names end", default_factory=lambda: np.zeros((0, 2))
+        "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
     )
-    weakest: FloatArray = labelled(
-        "least known combination of parameters", "", "free_names", default_factory=lambda: np.zeros(0)
-    )
+    weakest: FloatArray = labelled("least known combination", "", "free_names", default_factory=_NO_NUMBERS)
     cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())

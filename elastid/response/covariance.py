@@ -27,15 +27,9 @@ class Covariance:
 
     variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
     dof: float = labelled("complex: the variance scatters by 1 / sqrt(dof) of itself")
-    left: ComplexArray | None = labelled(
-        "input factor: cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None
-    )
-    right: ComplexArray | None = labelled(
-        "output factor: cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None
-    )
-    matrix: ComplexArray | None = labelled(
-        "covariance of vec G, column by column", "({unit})^2", "freq_hz element element", default=None
-    )
+    left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
+    right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
+    matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
 
     def __post_init__(self) -> None:
         """Refuse negative or non-finite variances."""

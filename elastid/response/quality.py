@@ -46,22 +46,11 @@ class Quality:
     coherence: FloatArray = labelled("coherence of one output and one input", "", "freq_hz outputs inputs")
     multiple_coherence: FloatArray = labelled("coherence of one output and all inputs", "", "freq_hz outputs")
     singular_values: FloatArray = labelled("singular values of G, largest first", "{unit}", "freq_hz rank")
-    input_singular_values: FloatArray = labelled(
-        "singular values of the inputs over their RMS, largest first", "", "freq_hz rank"
-    )
-    input_noise: FloatArray = labelled(
-        "noise variance of the inputs in one period", "({units_of_inputs})^2", "freq_hz inputs"
-    )
-    output_noise: FloatArray = labelled(
-        "noise variance of the outputs in one period", "({output_unit})^2", "freq_hz outputs"
-    )
+    input_singular_values: FloatArray = labelled("singular values of the inputs over their RMS", "", "freq_hz rank")
+    input_noise: FloatArray = labelled("noise variance in one period", "({units_of_inputs})^2", "freq_hz inputs")
+    output_noise: FloatArray = labelled("noise variance in one period", "({output_unit})^2", "freq_hz outputs")
     excited: Levels
-    stochastic: FloatArray | None = labelled(
-        "RMS amplitude of stochastic nonlinear distortion in the outputs",
-        "{output_unit}",
-        "freq_hz outputs",
-        default=None,
-    )
+    stochastic: FloatArray | None = labelled("RMS distortion", "{output_unit}", "freq_hz outputs", default=None)
     even: Levels | None = None
     odd: Levels | None = None
 

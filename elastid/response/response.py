@@ -58,10 +58,7 @@ class FrequencyResponse:
     sliding: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     bias: ComplexArray | None = labelled(
-        "systematic error of G by friction of each motor",
-        "{unit}",
-        "extent inputs freq_hz outputs inputs",
-        default=None,
+        "error by friction", "{unit}", "extent inputs freq_hz outputs inputs", default=None
     )
     correlated_lines: float = 1.0
     hold: HeldTorque | None = None

@@ -1,18 +1,23 @@
-"""fit.h5 and validation.h5: the result of a fit, its validation, and the twin moved along logs."""
+"""fit.h5, validation.h5 and compare.json: a fit, its validation with the twin, and the ranking of models."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
-from elastid.store.files import NO_STAMP, Stamp
+from elastid.store.files import NO_STAMP, Stamp, text_file
+from elastid.store.json_values import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
+from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 FIT, VALIDATION = "fit", "validation"
+# Version of the form of compare.json.
+_SCHEMA = 1
 
 
 def write_fit(path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
@@ -42,3 +47,33 @@ def read_validation(path: Path | str) -> Validation:
 def read_twin(path: Path | str, kind: str) -> TwinFindings:
     """The twin in a file of a kind (validation, friction)."""
     return read_part(path, kind, "twin", TwinFindings)
+
+
+def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
+    """compare.json. stamp: of the frequency responses that the models were fitted to."""
+    content = {
+        "schema": _SCHEMA,
+        "responses": stamp.inputs,
+        "code": stamp.code,
+        "made by": stamp.software,
+        "verdict": comparison.verdict,
+        "configurations": comparison.configurations,
+        "models": comparison.rows,
+        "search": comparison.trials,
+    }
+    with text_file(path) as file:
+        json.dump(json_value(content, or_text), file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
+    """The comparison in compare.json; None where there is none, or one of other frequency responses."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if (content["schema"], content["responses"]) != (_SCHEMA, stamp.inputs):
+            return None
+        names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
+        comparison: Comparison = from_json({name: content[key] for name, key in names.items()}, Comparison)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
+        return None
+    return comparison

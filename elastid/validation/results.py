@@ -38,12 +38,8 @@ class Agreement:
     phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
     inside_2sigma: FloatArray = labelled("share of the lines within 2 standard deviations", "", "outputs inputs")
     inside_expected: float
-    autocorrelation: FloatArray = labelled(
-        "autocorrelation of the normalised residual at lags of 1, 2, ... lines", "", "lag outputs inputs"
-    )
-    autocorrelation_bound: FloatArray = labelled(
-        "bound of a white residual at 95 % probability", "", "lag outputs inputs"
-    )
+    autocorrelation: FloatArray = labelled("of the residual, lags from 1 line on", "", "lag outputs inputs")
+    autocorrelation_bound: FloatArray = labelled("95 % bound of a white residual", "", "lag outputs inputs")
     rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
     normality: FloatArray = labelled("Anderson-Darling statistic of the residual", "", "outputs inputs")
     peaks: tuple[Peak, ...]
@@ -142,9 +138,7 @@ class Replay:
     units: tuple[str, ...] = labelled("unit of each output", axes="outputs")
     band_hz: tuple[float, float]
     fit_percent: FloatArray = labelled("100 (1 - rms error / rms motion)", "%", "records outputs")
-    reachable_percent: FloatArray = labelled(
-        "fit of a true model, from the part that does not repeat", "%", "records outputs"
-    )
+    reachable_percent: FloatArray = labelled("fit of a true model", "%", "records outputs")
     error_rms: FloatArray = labelled("rms error", "{units}", "records outputs")
     shown: str
     rate_hz: float

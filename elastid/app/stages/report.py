@@ -20,8 +20,7 @@ from elastid.store import (
     read_responses,
     read_validation,
 )
-from elastid.store.comparison import read_comparison
-from elastid.store.results import read_twin
+from elastid.store.results import read_comparison, read_twin
 from elastid.validation.comparison import Comparison
 
 

@@ -64,14 +64,8 @@ class Plan:
     periods: int
     transient_periods: int
     lines: IntArray = labelled("excited DFT lines")
-    R: ComplexArray = labelled(
-        "amplitude spectrum of the injected torque, link side",
-        "N*m",
-        "configurations realisation experiment freq_hz inputs",
-    )
-    detection: IntArray = labelled(
-        "DFT lines of the band without excitation", default_factory=lambda: np.zeros(0, np.int64)
-    )
+    R: ComplexArray = labelled("injected torque, link side", "N*m", "configurations realisation run freq_hz inputs")
+    detection: IntArray = labelled("DFT lines without excitation", default_factory=lambda: np.zeros(0, np.int64))
     ramp_samples: int = 0
     hold_samples: int = 0
     sliding: tuple[str, ...] = ()

@@ -34,9 +34,7 @@ class FrictionTakenOut:
     levels: FloatArray = labelled("level of each shape, link side, 0 where not taken out", "N*m", "shape")
     covariance: FloatArray = labelled("covariance of the levels", "", "shape shape")
     configurations: tuple[str, ...]
-    before: FloatArray = labelled(
-        "amplitude of torque that no response explains, median line", "N*m", "configurations places"
-    )
+    before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque at the highest lines", "", "places")
