@@ -1,6 +1,6 @@
 """Results of an identification as values: truth, modes, and summary.json and validation.json, both of a fixed form.
 
-A section of them is made of fields and properties of a result, named as these are where no other name is given.
+Sections of them are made of fields and properties of a result; those that are not, replace one in its place.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from elastid.store import text_file
 from elastid.store.json_values import SCHEMA, json_value
 from elastid.study import Study
 from elastid.validation.results import Agreement, Validation
+from elastid.validation.twin import BandBalance, TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -92,10 +93,10 @@ def write_summary(path: Path, content: Mapping[str, Any]) -> None:
         file.write("\n")
 
 
-def section(value: Any, names: str, **others: str) -> dict[str, Any]:
-    """Fields and properties of a value, in this order; others: name in the summary = attribute, after these."""
-    attributes = {name: name for name in names.split()} | others
-    return {name: json_value(getattr(value, attribute)) for name, attribute in attributes.items()}
+def section(value: Any, names: str) -> dict[str, Any]:
+    """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one."""
+    pairs = (name.partition("=") for name in names.split())
+    return {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
 
 
 def failure(study: Study, message: str) -> dict[str, Any]:
@@ -124,19 +125,18 @@ def summary(
         "friction": friction_summary(study.as_robot(), friction),
         "correlations_above_0.9": _correlations(result),
         "modification_indices": [
-            section(index, "name group place share drop")
+            section(index, "name group place share drop members alike effects")
             | {
                 "members": [
                     dict(zip(("name", "unit", "value", "changed"), member, strict=True))
                     for member in zip(index.members, index.units, index.values.tolist(), index.changed, strict=True)
                 ],
-                "alike": list(index.alike),
                 "effects": dict(zip(result.parameters.free_names, json_value(index.effects), strict=True)),
             }
             for index in result.indices
         ],
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
-        "frf_error": [section(agreement, "configuration", **_ERRORS) for agreement in agreements],
+        "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
         "notes": _notes(every),
     }
@@ -166,13 +166,13 @@ def validation_summary(study: Study, validation: Validation, twin: TwinFindings 
     turn; verdict, cost, replayed and folded: the same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
-    errors = {**_ERRORS, "inside_2sigma_expected": "inside_expected"}
+    agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
     replay = "configuration quantity band_hz records outputs fit_percent reachable_percent"
     return {
         "schema": SCHEMA,
         "study": study.name,
         **section(validation, "verdict cost"),
-        "configurations": [section(each, "configuration left_out", **errors) for each in validation.configurations],
+        "configurations": [section(each, agreement) for each in validation.configurations],
         "replayed": validation.replayed,
         "replays": [section(each, replay) for each in validation.replays],
         **_twin(twin),
@@ -190,9 +190,8 @@ def friction_study_summary(study: Study, result: FrictionResult, twin: TwinFindi
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
     return _head(study, result.status, result.message) | {
         "parameters": {
-            each.name: section(each, "value std")
+            each.name: section(each, "value std interval95=low unit meaning learnt_from")
             | {"interval95": json_value((each.low, each.high))}
-            | section(each, "unit meaning learnt_from")
             | ({} if each.truth is None else {"truth": each.truth})
             for each in result.numbers
         },
@@ -218,7 +217,7 @@ def failed_friction(study: Study, message: str) -> dict[str, Any]:
     return _head(study, "failed", message) | nothing
 
 
-_ERRORS = {name: f"overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma")}
+_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
 
 
 def _head(study: Study, status: str, message: str) -> dict[str, Any]:
@@ -228,35 +227,32 @@ def _head(study: Study, status: str, message: str) -> dict[str, Any]:
 def _notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
     """The same note of many places once, with its places."""
     return [
-        {**section(group.first, "code severity"), "places": [place for place in group.places if place]}
-        | {"text": group.first.text}
+        section(group.first, "code severity places=place text") | {"places": [each for each in group.places if each]}
         for group in grouped(notes)
     ]
 
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part and errors of runs, over all and by octave, without the signals."""
-    errors = "error error_without_friction bands"
+    signal = "signal=kind place error error_without_friction bands"
     return {
         "torque": [
-            section(balance, "place log")
+            section(balance, "place log shares left left_without_friction bands")
             | {"shares": dict(zip(balance.parts, balance.shares, strict=True))}
-            | section(balance, "left left_without_friction")
-            | {
-                "bands": [
-                    json_value(band) | {"shares": dict(zip(balance.parts, band.shares, strict=True))}
-                    for band in balance.bands
-                ]
-            }
+            | {"bands": [_band(balance, band) for band in balance.bands]}
             for balance in twin.balances
         ],
         "twin": [
-            {"log": run.log, "driven_by": run.drive}
-            | section(run, "held_hz seconds lost lost_without_friction")
-            | {"signals": [{"signal": each.kind, "place": each.place} | section(each, errors) for each in run.signals]}
+            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction")
+            | {"signals": [section(each, signal) for each in run.signals]}
             for run in twin.runs
         ],
     }
+
+
+def _band(balance: TorqueBalance, band: BandBalance) -> dict[str, Any]:
+    content: dict[str, Any] = json_value(band)
+    return content | {"shares": dict(zip(balance.parts, band.shares, strict=True))}
 
 
 def _motion(motion: MotionFriction) -> dict[str, Any]:
@@ -276,8 +272,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
 def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | None) -> dict[str, dict[str, Any]]:
     rows = parameter_rows(result, truth(study, friction), contents(study, friction, result.parameters.free))
     return {
-        row.name: {"value": row.estimate, **section(row, "std", interval95="interval")}
-        | section(row, "unit at_bound start")
+        row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {name: getattr(row, name) for name in ("truth", "contains") if getattr(row, name) not in (None, "")}
         | {
             name: json_value(ends)
