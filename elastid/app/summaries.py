@@ -67,17 +67,17 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
     configuration = model.configuration
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
-    found = modes(model, theta)
-    sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
-    shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
+    modal = modes(model, theta)
+    deviations = uncertain_modes(model, result.parameters, result.x, result.covariance)
+    shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     return ModeRow(
         configuration.name,
-        found.freq_hz,
-        found.zeta,
-        sure.freq_std,
-        sure.zeta_std,
+        modal.freq_hz,
+        modal.zeta,
+        deviations.freq_std,
+        deviations.zeta_std,
         elastic.coordinates,
         shapes,
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),

@@ -39,7 +39,7 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
     by_configuration = forecast.share.sum(axis=1)
     for i, name in enumerate(forecast.parameters):
         relative, std = float(forecast.relative[i]), float(forecast.std[i])
-        seen = math.isfinite(std)
+        informed = math.isfinite(std)
         known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
         best = int(by_configuration[:, i].argmax())
         other, correlation = forecast.strongest(name)
@@ -48,8 +48,8 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
                 name,
                 forecast.units[i],
                 number(float(forecast.nominal[i])),
-                known if seen else "not seen",
-                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if seen else "–",
+                known if informed else "not seen",
+                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if informed else "–",
                 f"{other} {correlation:+.2f}" if other else "–",
             ]
         )

@@ -67,6 +67,7 @@ _NAMES = {
     "text_checksums": "changed_texts is_as_written keep_checksums",
 }
 _HOME = {name: f"elastid.store.{module}" for module, names in _NAMES.items() for name in names.split()}
+__all__ = list(_HOME)
 
 
 def __getattr__(name: str) -> Any:

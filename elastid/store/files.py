@@ -267,7 +267,7 @@ class DiskFile(io.RawIOBase):
         return total
 
     def readinto(self, buffer: Any) -> int:
-        """What was written there, zeros behind its end."""
+        """The bytes that were written, zeros behind their end."""
         view = memoryview(buffer).cast("B")
         count = self._file.readinto(view) or 0
         view[count:] = bytes(len(view) - count)
