@@ -8,8 +8,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.base.note import Note
-from elastid.record import Configuration, Hold
+from elastid.record import Configuration, Hold, drive_unit
 
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
 # at_rest: a small multisine at standstill.
@@ -40,12 +41,12 @@ class FrictionRecord:
     joint: str
     purpose: Purpose
     rate_hz: float
-    position: FloatArray
-    torque: FloatArray
-    velocity: FloatArray | None = None
-    temperature: FloatArray | None = None
-    reference: FloatArray | None = None
-    link_position: FloatArray | None = None
+    position: FloatArray = labelled("position of the joint", "{unit}", "sample")
+    torque: FloatArray = labelled("torque of the motor, link side", "{torque_unit}", "sample")
+    velocity: FloatArray | None = labelled("velocity of the joint", "{unit}/s", "sample", default=None)
+    temperature: FloatArray | None = labelled("temperature of the joint", "degC", "sample", default=None)
+    reference: FloatArray | None = labelled("position that was asked for", "{unit}", "sample", default=None)
+    link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
     speed: float | None = None
@@ -93,6 +94,11 @@ class FrictionRecord:
     def unit(self) -> str:
         """Of its position: rad or m."""
         return "m" if self.slides else "rad"
+
+    @property
+    def torque_unit(self) -> str:
+        """Of its torque: N*m or N."""
+        return drive_unit(self.slides)
 
 
 @frozen_value

@@ -16,6 +16,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.label import labelled
+from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, release
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 
@@ -64,7 +66,7 @@ class Configuration:
     """
 
     name: str
-    angles: FloatArray
+    angles: FloatArray = labelled("angle of the driven joints", "rad")
 
     def __post_init__(self) -> None:
         """A single angle is one of one joint; refuse angles that are not finite."""
@@ -105,19 +107,19 @@ class Record:
     period_samples: int
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    quantities: tuple[Motion, ...]
-    u: FloatArray
-    y: FloatArray
-    r: FloatArray | None = None
+    quantities: tuple[Motion, ...] = labelled("quantity of each output", axes="outputs")
+    u: FloatArray = labelled("torque that acts, link side", "{units_of_inputs}", "time_s inputs")
+    y: FloatArray = labelled("motion, link side", "{output_units}", "time_s outputs")
+    r: FloatArray | None = labelled("injected torque, link side", "{units_of_inputs}", "time_s inputs", default=None)
     rate_is_known: bool = True
     notes: tuple[Note, ...] = field(default=())
     hold: Hold = "band-limited"
     half_wave: bool = False
     repairs: Mapping[str, int] = field(default_factory=dict)
-    left_out: tuple[int, ...] = ()
+    left_out: tuple[int, ...] = labelled("repetitions that do not count", default=())
     sliding: tuple[str, ...] = ()
     is_periodic: bool = True
-    hold_samples: tuple[float, ...] = ()
+    hold_samples: tuple[float, ...] = labelled("samples for which the torque is held", axes="inputs", default=())
     input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -173,6 +175,19 @@ class Record:
     def units_of_inputs(self) -> tuple[str, ...]:
         """The unit of each input."""
         return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """The times (n_samples,) of the samples, from 0 on; those of a large record are kept in a file."""
+        n = self.n_samples
+        if n < MIN_LARGE_VALUES // 8:
+            return np.arange(n) / self.rate_hz
+        times = empty_in_file((n,))
+        for first in range(0, n, PIECE_VALUES):
+            last = min(n, first + PIECE_VALUES)
+            times[first:last] = np.arange(first, last) / self.rate_hz
+            release(times)
+        return times
 
     @property
     def n_samples(self) -> int:

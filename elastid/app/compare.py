@@ -26,7 +26,7 @@ from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
 from elastid.store import Checkpoint, keep_checksums, read_responses
-from elastid.store.comparison import write_comparison
+from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
 from elastid.validation.comparison import ComparedModel, Comparison, Elastic, Refit, Trial

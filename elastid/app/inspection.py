@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from elastid.app.json_values import SCHEMA
 from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import shown_values
 from elastid.experiment.specs.recorded import TextFormatSpec
@@ -27,6 +26,7 @@ from elastid.report.friction_rows import friction_rows
 from elastid.store import described as described_artefact
 from elastid.store import is_as_written, is_intact, kind_of, read_fit, read_friction
 from elastid.store.friction_study import FRICTION, read_friction_result
+from elastid.store.json_values import SCHEMA
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
 # Files of a run folder that hold no signals.

@@ -1,19 +1,20 @@
-"""Results of an identification as values: truth, modes, and summary.json and validation.json, both of a fixed form."""
+"""Results of an identification as values: truth, modes, and summary.json and validation.json, both of a fixed form.
+
+Sections of them are made of fields and properties of a result; those that are not, replace one in its place.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
-from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries, run_entries
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.local_optimum import LocalOptimum
@@ -29,9 +30,15 @@ from elastid.report.modes.mode_drawing import mode_drawing
 from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
 from elastid.store import text_file
+from elastid.store.json_values import SCHEMA, json_value
 from elastid.study import Study
-from elastid.validation.results import Agreement, Replay, Validation
+from elastid.validation.results import Agreement, Validation
+from elastid.validation.twin import BandBalance, TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
+
+if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
+    from elastid.friction_study.motion import MotionFriction
+    from elastid.friction_study.result import FrictionResult
 
 CORRELATED = 0.9
 
@@ -60,23 +67,45 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
     configuration = model.configuration
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
-    found = modes(model, theta)
-    sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
-    shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
+    modal = modes(model, theta)
+    deviations = uncertain_modes(model, result.parameters, result.x, result.covariance)
+    shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     return ModeRow(
         configuration.name,
-        found.freq_hz,
-        found.zeta,
-        sure.freq_std,
-        sure.zeta_std,
+        modal.freq_hz,
+        modal.zeta,
+        deviations.freq_std,
+        deviations.zeta_std,
         elastic.coordinates,
         shapes,
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
         energy=np.vstack([energy.share, energy.load]),
         drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
     )
+
+
+def write_summary(path: Path, content: Mapping[str, Any]) -> None:
+    """A summary as JSON, whole or not at all; null in place of numbers that are not finite."""
+    with text_file(path) as file:
+        json.dump(json_value(content), file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def section(value: Any, names: str) -> dict[str, Any]:
+    """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one."""
+    pairs = (name.partition("=") for name in names.split())
+    return {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
+
+
+def failure(study: Study, message: str) -> dict[str, Any]:
+    """summary.json of a fit that failed: the same keys, no numbers."""
+    lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
+    numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": study.fit.starts, "hits": 0}
+    return {**_head(study, "failed", message), **numbers, "parameters": {}, "friction": None} | {
+        name: [] for name in lists
+    }
 
 
 def summary(
@@ -89,69 +118,27 @@ def summary(
 ) -> dict[str, Any]:
     """The content of summary.json; notes of the fit come first, then those of friction and of measured responses."""
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    return {
-        "schema": SCHEMA,
-        "study": study.name,
-        "status": result.status,
-        "message": result.message,
-        "cost": finite(result.cost),
-        "cost_expected": finite(result.cost_expected),
-        "dof": result.dof,
+    return failure(study, result.message) | {
+        **section(result, "status cost cost_expected dof hits"),
         "starts": len(result.starts),
-        "hits": result.hits,
         "parameters": _parameters(study, result, friction),
         "friction": friction_summary(study.as_robot(), friction),
         "correlations_above_0.9": _correlations(result),
-        "modification_indices": [_modification(result, one) for one in result.indices],
-        "modes": [
-            {
-                "configuration": row.configuration,
-                "frequency_hz": all_finite(row.frequency_hz.tolist()),
-                "damping_ratio": all_finite(row.damping_ratio.tolist()),
+        "modification_indices": [
+            section(index, "name group place share drop members alike effects")
+            | {
+                "members": [
+                    dict(zip(("name", "unit", "value", "changed"), member, strict=True))
+                    for member in zip(index.members, index.units, index.values.tolist(), index.changed, strict=True)
+                ],
+                "effects": dict(zip(result.parameters.free_names, json_value(index.effects), strict=True)),
             }
-            for row in mode_rows
+            for index in result.indices
         ],
-        "frf_error": [
-            {
-                "configuration": agreement.configuration,
-                "rms_log_db": finite(agreement.overall_rms_log_db),
-                "phase_rms_deg": finite(agreement.overall_phase_rms_deg),
-                "inside_2sigma": finite(agreement.overall_inside_2sigma),
-            }
-            for agreement in agreements
-        ],
+        "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
+        "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
-        "notes": note_entries(every),
-    }
-
-
-def write_summary(path: Path, content: Mapping[str, Any]) -> None:
-    """A summary as JSON, whole or not at all."""
-    with text_file(path) as file:
-        json.dump(content, file, indent=1, allow_nan=False)
-        file.write("\n")
-
-
-def failure(study: Study, message: str) -> dict[str, Any]:
-    """summary.json of a fit that found nothing: the same keys, no numbers."""
-    return {
-        "schema": SCHEMA,
-        "study": study.name,
-        "status": "failed",
-        "message": message,
-        "cost": None,
-        "cost_expected": None,
-        "dof": None,
-        "starts": study.fit.starts,
-        "hits": 0,
-        "parameters": {},
-        "friction": None,
-        "correlations_above_0.9": [],
-        "modification_indices": [],
-        "modes": [],
-        "frf_error": [],
-        "warnings": [],
-        "notes": [],
+        "notes": _notes(every),
     }
 
 
@@ -167,7 +154,7 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
         | {"start": x_start[p.name]}
         for p in parameters.free
     }
-    return best | {"status": "interrupted", "cost": finite(ends[0].cost), "parameters": rows}
+    return best | {"status": "interrupted", "cost": json_value(ends[0].cost), "parameters": rows}
 
 
 def validation_summary(study: Study, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
@@ -176,100 +163,124 @@ def validation_summary(study: Study, validation: Validation, twin: TwinFindings 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
     row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
     the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
-    turn; verdict, cost, replayed and folded: the same in words.  torque: what each part of the model explains.
-    twin: how far the model is off when it is simulated along a record.
+    turn; verdict, cost, replayed and folded: the same in words.  torque: shares of the parts of the model.
+    twin: errors of the model simulated along a record.
     """
+    agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
+    replay = "configuration quantity band_hz records outputs fit_percent reachable_percent"
     return {
         "schema": SCHEMA,
         "study": study.name,
-        "verdict": validation.verdict,
-        "cost": validation.cost,
-        "configurations": [
-            {
-                "configuration": agreement.configuration,
-                "left_out": bool(agreement.left_out),
-                "rms_log_db": finite(agreement.overall_rms_log_db),
-                "phase_rms_deg": finite(agreement.overall_phase_rms_deg),
-                "inside_2sigma": finite(agreement.overall_inside_2sigma),
-                "inside_2sigma_expected": finite(agreement.inside_expected),
-            }
-            for agreement in validation.configurations
-        ],
+        **section(validation, "verdict cost"),
+        "configurations": [section(each, agreement) for each in validation.configurations],
         "replayed": validation.replayed,
-        "replays": [_replay(replay) for replay in validation.replays],
-        "torque": balance_entries(twin.balances),
-        "twin": run_entries(twin.runs),
+        "replays": [section(each, replay) for each in validation.replays],
+        **_twin(twin),
         "folded": validation.folded,
-        "folds": [
-            {
-                "configuration": fold.configuration,
-                "misfit": finite(fold.misfit),
-                "rms_log_db": finite(fold.rms_log_db),
-                "phase_rms_deg": finite(fold.phase_rms_deg),
-                "message": fold.message,
-            }
-            for fold in validation.folds
+        "folds": json_value(validation.folds),
+    }
+
+
+def friction_study_summary(study: Study, result: FrictionResult, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+    """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
+
+    torque: of motions, shares of the parts of the model.  twin: errors of the model simulated along them.
+    """
+    every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
+    measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
+    return _head(study, result.status, result.message) | {
+        "parameters": {
+            each.name: section(each, "value std interval95=low unit meaning learnt_from")
+            | {"interval95": json_value((each.low, each.high))}
+            | ({} if each.truth is None else {"truth": each.truth})
+            for each in result.numbers
+        },
+        "not_identified": [
+            {"joint": joint.joint} | section(held, "part reason") for joint in result.joints for held in joint.held
+        ],
+        "motions": {each.joint: _motion(each.motion) for each in result.joints if each.motion is not None},
+        **_twin(twin),
+        "measured": {
+            joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
+            for joint, ranges in measured.items()
+        },
+        "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
+        "notes": _notes(every),
+    }
+
+
+def failed_friction(study: Study, message: str) -> dict[str, Any]:
+    """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
+    keys = ("parameters", "not_identified", "motions", "torque", "measured", "warnings", "notes")
+    objects = ("parameters", "motions", "measured")
+    nothing: dict[str, Any] = {key: {} if key in objects else [] for key in keys}
+    return _head(study, "failed", message) | nothing
+
+
+_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
+
+
+def _head(study: Study, status: str, message: str) -> dict[str, Any]:
+    return {"schema": SCHEMA, "study": study.name, "status": status, "message": message}
+
+
+def _notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
+    """The same note of many places once, with its places."""
+    return [
+        section(group.first, "code severity places=place text") | {"places": [each for each in group.places if each]}
+        for group in grouped(notes)
+    ]
+
+
+def _twin(twin: TwinFindings) -> dict[str, Any]:
+    """Torques part by part and errors of runs, over all and by octave, without the signals."""
+    signal = "signal=kind place error error_without_friction bands"
+    return {
+        "torque": [
+            section(balance, "place log shares left left_without_friction bands")
+            | {"shares": dict(zip(balance.parts, balance.shares, strict=True))}
+            | {"bands": [_band(balance, band) for band in balance.bands]}
+            for balance in twin.balances
+        ],
+        "twin": [
+            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction")
+            | {"signals": [section(each, signal) for each in run.signals]}
+            for run in twin.runs
         ],
     }
 
 
-def _replay(replay: Replay) -> dict[str, Any]:
+def _band(balance: TorqueBalance, band: BandBalance) -> dict[str, Any]:
+    content: dict[str, Any] = json_value(band)
+    return content | {"shares": dict(zip(balance.parts, band.shares, strict=True))}
+
+
+def _motion(motion: MotionFriction) -> dict[str, Any]:
+    """The regression of a motion with directions apart and equal: which of them counts, and the rest of each."""
+    equal = motion.alike
     return {
-        "configuration": replay.configuration,
-        "quantity": replay.quantity,
-        "band_hz": all_finite(replay.band_hz),
-        "records": list(replay.records),
-        "outputs": list(replay.outputs),
-        "fit_percent": [all_finite(row) for row in replay.fit_percent.tolist()],
-        "reachable_percent": [all_finite(row) for row in replay.reachable_percent.tolist()],
+        "directions_apart": motion.are_apart,
+        "relative_error": json_value(motion.apart.relative_error),
+        "relative_error_alike": json_value(equal.relative_error),
+        "alike": {
+            name: {"value": value, "std": json_value(equal.std(name)), "unit": motion.unit(name)}
+            for name, value in zip(equal.names, equal.values.tolist(), strict=True)
+        },
     }
 
 
 def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | None) -> dict[str, dict[str, Any]]:
     rows = parameter_rows(result, truth(study, friction), contents(study, friction, result.parameters.free))
     return {
-        row.name: {
-            "value": row.estimate,
-            "std": finite(row.std),
-            "interval95": all_finite(row.interval),
-            "unit": row.unit,
-            "at_bound": row.at_bound,
-            "start": row.start,
-            **({} if row.truth is None else {"truth": row.truth}),
-            **({"contains": row.contains} if row.contains else {}),
-            **_further(result, row.name),
+        row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
+        | {name: getattr(row, name) for name in ("truth", "contains") if getattr(row, name) not in (None, "")}
+        | {
+            name: json_value(ends)
+            for name in ("profile95", "bootstrap95")
+            for ends in getattr(result, name)[result.parameters.free_names.index(row.name) :][:1]
+            if not np.isnan(ends).any()
         }
         for row in rows
-    }
-
-
-def _further(result: FitResult, name: str) -> dict[str, Any]:
-    """Intervals by other ways, where the study asks for them."""
-    if name not in result.parameters.free_names:
-        return {}
-    i = result.parameters.free_names.index(name)
-    found: dict[str, Any] = {}
-    for key in ("profile95", "bootstrap95"):
-        ends = getattr(result, key)
-        if len(ends) and not np.isnan(ends[i]).any():
-            found[key] = all_finite(ends[i].tolist())
-    return found
-
-
-def _modification(result: FitResult, one: ModificationIndex) -> dict[str, Any]:
-    """One number or reading: what it was, what it would be, and what that would do; place 0 is of it alone."""
-    return {
-        "name": one.name,
-        "group": one.group,
-        "place": one.place,
-        "share": finite(one.share),
-        "drop": finite(one.drop),
-        "members": [
-            {"name": name, "unit": unit, "value": finite(value), "changed": finite(changed)}
-            for name, unit, value, changed in zip(one.members, one.units, one.values.tolist(), one.changed, strict=True)
-        ],
-        "alike": list(one.alike),
-        "effects": dict(zip(result.parameters.free_names, all_finite(one.effects.tolist()), strict=True)),
     }
 
 

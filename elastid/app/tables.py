@@ -26,12 +26,10 @@ def friction_table(numbers: Sequence[FrictionNumber]) -> list[list[str]]:
     """Headings, then a line for each number of friction; the truth where the rig is simulated."""
     simulated = any(each.truth is not None for each in numbers)
     rows = [["number", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval", "learnt from"]]
-    for one in numbers:
-        kept = digits(one.value, one.std)
-        relative = 100 * one.std / abs(one.value) if one.value else math.inf
-        std = f"{number(relative, 2)} %" if math.isfinite(relative) else number(one.std, 2)
-        line = [one.name, one.unit, number(one.value, kept), std, " to ".join(interval_of((one.low, one.high), kept))]
-        rows.append([*line[:2], *([number(one.truth)] if simulated else []), *line[2:], one.learnt_from])
+    for each in numbers:
+        true = [number(each.truth)] if simulated else []
+        estimate = _estimate(each.value, each.std, (each.low, each.high))
+        rows.append([each.name, each.unit, *true, *estimate, each.learnt_from])
     return rows
 
 
@@ -41,7 +39,7 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
     by_configuration = forecast.share.sum(axis=1)
     for i, name in enumerate(forecast.parameters):
         relative, std = float(forecast.relative[i]), float(forecast.std[i])
-        seen = math.isfinite(std)
+        informed = math.isfinite(std)
         known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
         best = int(by_configuration[:, i].argmax())
         other, correlation = forecast.strongest(name)
@@ -50,8 +48,8 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
                 name,
                 forecast.units[i],
                 number(float(forecast.nominal[i])),
-                known if seen else "not seen",
-                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if seen else "–",
+                known if informed else "not seen",
+                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if informed else "–",
                 f"{other} {correlation:+.2f}" if other else "–",
             ]
         )
@@ -59,13 +57,21 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
 
 
 def _line(row: ParameterRow, simulated: bool) -> list[str]:
-    kept = digits(row.estimate, row.std)
-    relative = 100 * row.std / abs(row.estimate) if row.estimate else math.inf
-    std = f"{number(relative, 2)} %" if math.isfinite(relative) else number(row.std, 2)
-    interval = " to ".join(interval_of(row.interval, kept))
-    line = [row.name, row.unit, number(row.estimate, kept), std, interval + " (at bound)" * row.at_bound]
+    estimate, std, interval = _estimate(row.estimate, row.std, row.interval)
+    line = [row.name, row.unit, estimate, std, interval + " (at bound)" * row.at_bound]
     if simulated:
         line.insert(2, number(row.truth))
         known = row.deviation is not None and math.isfinite(row.deviation)
         line.append(f"{row.deviation:+.1f}" if known else "–")
     return line
+
+
+def _estimate(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """An estimate, its standard deviation in percent where it is not zero, and its interval, to as many digits."""
+    n = digits(value, std)
+    return number(value, n), _relative(std, value), " to ".join(interval_of(interval, n))
+
+
+def _relative(std: float, value: float) -> str:
+    relative = 100 * std / abs(value) if value else math.inf
+    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)

@@ -9,6 +9,8 @@ from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from elastid.base.label import labelled
+
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -35,12 +37,12 @@ T = TypeVar("T")
 
 
 @overload
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+@dataclass_transform(frozen_default=True, field_specifiers=(field, labelled))
 def frozen_value(cls: type[T], /) -> type[T]: ...
 
 
 @overload
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+@dataclass_transform(frozen_default=True, field_specifiers=(field, labelled))
 def frozen_value(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
 
 

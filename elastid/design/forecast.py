@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.design.expected_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
@@ -39,15 +40,15 @@ class Forecast:
     notes: to be read before the robot moves.  choice: how the configurations were chosen.
     """
 
-    parameters: tuple[str, ...]
-    units: tuple[str, ...]
-    nominal: FloatArray
+    parameters: tuple[str, ...] = labelled("parameter that the fit identifies")
+    units: tuple[str, ...] = labelled("unit of the parameter", axes="parameters")
+    nominal: FloatArray = labelled("value that is assumed", "SI", "parameters")
     log: tuple[bool, ...]
-    covariance: FloatArray
+    covariance: FloatArray = labelled("expected covariance of x", "", "parameters parameters")
     configurations: tuple[str, ...]
-    freq_hz: FloatArray
-    share: FloatArray
-    blind: FloatArray
+    freq_hz: FloatArray = labelled("excited frequency")
+    share: FloatArray = labelled("share of the information about a parameter", "", "configurations freq_hz parameters")
+    blind: FloatArray = labelled("relative changes that the plan does not inform", "", "direction parameters")
     notes: tuple[Note, ...]
     choice: str = ""
 

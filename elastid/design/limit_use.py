@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 
@@ -25,9 +26,9 @@ class LimitUse:
 
     configurations: tuple[str, ...]
     inputs: tuple[str, ...]
-    peak: FloatArray
-    limit: FloatArray
-    factor: FloatArray
+    peak: FloatArray = labelled("largest value in the rehearsal, link side", "", "configurations quantity inputs")
+    limit: FloatArray = labelled("limit, infinite where there is none", "", "configurations quantity inputs")
+    factor: FloatArray = labelled("factor on the amplitudes that the study gives", "", "configurations inputs")
     margin: float
     notes: tuple[Note, ...] = ()
     nearest: str = ""

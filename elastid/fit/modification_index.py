@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 
 # Of ln k; a larger one is of a fit that ended far from any robot.
 LARGEST_EFFECT = 50.0
@@ -26,14 +27,14 @@ class ModificationIndex:
     name: str
     group: str
     members: tuple[str, ...]
-    values: FloatArray
+    values: FloatArray = labelled("values at which the numbers were held", "SI")
     units: tuple[str, ...]
     log: tuple[bool, ...]
-    steps: FloatArray
+    steps: FloatArray = labelled("their changes, of ln p where log")
     std: float
-    drop: float
-    share: float
-    effects: FloatArray
+    drop: float = labelled("decrease of V")
+    share: float = labelled("share of the excess of V over the noise")
+    effects: FloatArray = labelled("implied change of each free parameter, of x")
     alike: tuple[str, ...] = ()
     place: int = 0
 

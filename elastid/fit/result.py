@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.base.numbers import digits, interval_of, number
@@ -54,6 +55,9 @@ def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
     return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
 
 
+_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
+
+
 @frozen_value
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
@@ -70,28 +74,32 @@ class FitResult:
     """
 
     parameters: ParameterSet
-    x: FloatArray
-    covariance: FloatArray
+    x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")
+    covariance: FloatArray = labelled("covariance of x", "", "free_names free_names")
     cost: float
     dof: int
     cost_expected: float
     status: Status
     message: str
-    starts: tuple[LocalOptimum, ...]
+    starts: tuple[LocalOptimum, ...] = labelled(rows=True)
     hits: int
-    at_bound: BoolArray
-    singular_values: FloatArray
+    at_bound: BoolArray = labelled("estimates at a bound", "", "free_names")
+    singular_values: FloatArray = labelled("singular values of the Jacobian, columns scaled")
     criterion: str
     notes: tuple[Note, ...] = ()
-    profile95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    bootstrap95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    profile95: FloatArray = labelled(
+        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=_NO_PAIRS
+    )
+    bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
     configurations: tuple[str, ...] = ()
-    share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    informing_hz: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
+    share: FloatArray = labelled("share of the information", "", "configurations free_names", default_factory=_NO_TABLE)
+    informing_hz: FloatArray = labelled(
+        "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
+    )
+    weakest: FloatArray = labelled("least known combination", "", "free_names", default_factory=_NO_NUMBERS)
     cost_dof: float = math.nan
-    indices: tuple[ModificationIndex, ...] = ()
-    linear: tuple[LinearModel, ...] = ()
+    indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
+    linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
 
     def __post_init__(self) -> None:
         """Check shapes."""

@@ -20,6 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.base.errors import check_theta, index_of
+from elastid.base.label import labelled
 from elastid.linear.measurement_chain import Element
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.robot import gain_name
@@ -55,11 +56,11 @@ class LinearModel:
 
     configuration: Configuration
     parameters: tuple[str, ...]
-    theta_ref: FloatArray
+    theta_ref: FloatArray = labelled("parameters at the operating point", "SI", "parameters")
     M: FloatArray
     D: FloatArray
     K: FloatArray
-    slopes: dict[str, Slope]
+    slopes: dict[str, Slope] = labelled(rows=True)
     B: FloatArray
     C: FloatArray
     inputs: tuple[str, ...]

@@ -8,6 +8,7 @@ from dataclasses import field
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.nonlinear.shapes import Shape
 
@@ -30,13 +31,13 @@ class FrictionTakenOut:
     places: tuple[str, ...]
     place_units: tuple[str, ...]
     shapes: tuple[Shape, ...]
-    levels: FloatArray
-    covariance: FloatArray
+    levels: FloatArray = labelled("level of each shape, link side, 0 where not taken out", "N*m", "shape")
+    covariance: FloatArray = labelled("covariance of the levels", "", "shape shape")
     configurations: tuple[str, ...]
-    before: FloatArray
-    after: FloatArray
-    kept_share: FloatArray
-    accelerance: FloatArray
+    before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
+    after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
+    kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
+    accelerance: FloatArray = labelled("acceleration per torque at the highest lines", "", "places")
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.label import labelled
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, laplace, whole_samples
 from elastid.record import Record
@@ -35,7 +36,7 @@ class Shape:
 
     place: str
     kind: Kind
-    threshold: float = 0.0
+    threshold: float = labelled("distance over which a bristle bends, link side", "rad", default=0.0)
 
     @property
     def is_rate(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.label import labelled
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
@@ -24,11 +25,11 @@ class Covariance:
     variance scatters by 1 / sqrt(dof) of itself.
     """
 
-    variance: FloatArray
-    dof: float
-    left: ComplexArray | None = None
-    right: ComplexArray | None = None
-    matrix: ComplexArray | None = None
+    variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
+    dof: float = labelled("complex: the variance scatters by 1 / sqrt(dof) of itself")
+    left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
+    right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
+    matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
 
     def __post_init__(self) -> None:
         """Refuse negative or non-finite variances."""

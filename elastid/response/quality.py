@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.label import labelled
 
 # Arrays of a Quality with the lines of its response.
 LINE_ARRAYS = (
@@ -26,9 +27,9 @@ class Levels:
     amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
     """
 
-    freq_hz: FloatArray
-    amplitude: FloatArray
-    noise: FloatArray
+    freq_hz: FloatArray = labelled("frequency")
+    amplitude: FloatArray = labelled("RMS amplitude of the outputs", "{output_unit}", "freq_hz outputs")
+    noise: FloatArray = labelled("standard deviation of the noise in it", "{output_unit}", "freq_hz outputs")
 
 
 @frozen_value
@@ -42,14 +43,14 @@ class Quality:
     even, odd: Y - G U at lines that were not excited, from nonlinearities of even and odd order, or None.
     """
 
-    coherence: FloatArray
-    multiple_coherence: FloatArray
-    singular_values: FloatArray
-    input_singular_values: FloatArray
-    input_noise: FloatArray
-    output_noise: FloatArray
+    coherence: FloatArray = labelled("coherence of one output and one input", "", "freq_hz outputs inputs")
+    multiple_coherence: FloatArray = labelled("coherence of one output and all inputs", "", "freq_hz outputs")
+    singular_values: FloatArray = labelled("singular values of G, largest first", "{unit}", "freq_hz rank")
+    input_singular_values: FloatArray = labelled("singular values of the inputs over their RMS", "", "freq_hz rank")
+    input_noise: FloatArray = labelled("noise variance in one period", "({units_of_inputs})^2", "freq_hz inputs")
+    output_noise: FloatArray = labelled("noise variance in one period", "({output_unit})^2", "freq_hz outputs")
     excited: Levels
-    stochastic: FloatArray | None = None
+    stochastic: FloatArray | None = labelled("RMS distortion", "{output_unit}", "freq_hz outputs", default=None)
     even: Levels | None = None
     odd: Levels | None = None
 

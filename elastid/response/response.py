@@ -17,6 +17,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import check_kind, index_of
+from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
@@ -41,8 +42,8 @@ class FrequencyResponse:
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
 
-    freq_hz: FloatArray
-    G: ComplexArray
+    freq_hz: FloatArray = labelled("frequency")
+    G: ComplexArray = labelled("frequency response, link side", "{unit}", "freq_hz outputs inputs")
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
@@ -56,7 +57,9 @@ class FrequencyResponse:
     repairs: Mapping[str, int] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
-    bias: ComplexArray | None = None
+    bias: ComplexArray | None = labelled(
+        "error by friction", "{unit}", "extent inputs freq_hz outputs inputs", default=None
+    )
     correlated_lines: float = 1.0
     hold: HeldTorque | None = None
 

@@ -25,13 +25,13 @@ def write_checksum(path: Path) -> None:
 
 
 def is_intact(path: Path | str) -> bool:
-    """Whether a file is as it was written; also of one without a checksum. Each version of a file is read once."""
-    found = os.stat(path)
-    return _is_intact(Path(path), found.st_ino, found.st_size, found.st_mtime_ns)
+    """True for a file that is as it was written, or has no checksum. Each version of a file is read once."""
+    version = os.stat(path)
+    return _is_intact(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
 
 
 def has_checksum(path: Path | str) -> bool:
-    """Whether a file carries one: those of older versions do not, nor does one whose first bytes are damaged."""
+    """True for a file with a checksum: those of older versions have none, nor those whose first bytes are damaged."""
     with Path(path).open("rb") as file:
         return file.read(len(_MARK)) == _MARK
 

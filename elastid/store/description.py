@@ -1,4 +1,4 @@
-"""What is in an artefact: groups, variables with axes, shapes, units and values, and the provenance."""
+"""The content of an artefact: groups, variables with axes, shapes, units and values, and the provenance."""
 
 from __future__ import annotations
 

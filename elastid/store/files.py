@@ -1,9 +1,14 @@
-"""Files that are whole or absent, and the HDF5 idioms of every layout."""
+"""Files that are whole or absent, with the provenance of artefacts; HDF5 that is damaged or of others is refused.
+
+HDF5 cannot close a file that it cannot write: on a full disk it tries again when the process ends, and crashes it.  So
+`DiskFile` keeps the first error of the disk until the file is closed, and reports success to HDF5.
+"""
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
@@ -14,15 +19,27 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError
-from elastid.base.mapped import PIECE_VALUES, release
-from elastid.base.note import Note
 from elastid.base.own_data import require_own_data
 from elastid.store.checksum import USER_BLOCK, is_intact, write_checksum
-from elastid.store.disk import DiskFile
 
-# Version of the layout of all artefacts; raised where a reader of before could not read or would misread a file.
-FORMAT = 1
-_TEXT = h5py.string_dtype()
+# Version of the layout of all artefacts; a reader reads files of its own version.
+FORMAT = 2
+TEXT = h5py.string_dtype()
+# An attribute holds 64 KB at most: longer texts are datasets.
+_LONG_TEXT = 4096
+# The command that makes an artefact again, by its kind.
+_COMMANDS = {
+    "plan": "design",
+    "records": "measure",
+    "frf": "estimate",
+    "fit": "fit",
+    "validation": "validate",
+    "friction plan": "design",
+    "friction records": "measure",
+    "friction levels": "levels",
+    "friction": "friction",
+    "filter": "follow",
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +62,7 @@ class Stamp:
 
     @property
     def shown(self) -> dict[str, str]:
-        """What a page says of it."""
+        """Its entries on a page, by their headings."""
         return {
             "made by": self.software or f"elastid {self.version}",
             "seed": str(self.seed),
@@ -54,7 +71,7 @@ class Stamp:
         }
 
     def is_of(self, wanted: Stamp) -> bool:
-        """Whether inputs and code are those of another stamp."""
+        """True where inputs and code are those of another stamp."""
         return (self.inputs, self.code) == (wanted.inputs, wanted.code)
 
 
@@ -70,8 +87,8 @@ def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
             file.attrs["format"] = FORMAT
             provenance = file.create_group("provenance")
             for name, value in asdict(stamp).items():
-                if name == "study":  # an attribute holds 64 KB at most
-                    provenance.create_dataset(name, data=value, dtype=_TEXT)
+                if name == "study":
+                    provenance.create_dataset(name, data=value, dtype=TEXT)
                 else:
                     provenance.attrs[name] = value
             yield file
@@ -151,23 +168,29 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
-    """DataError of an artefact of another kind, or of a later format than this."""
+    """DataError of an artefact of another kind or format than this."""
     _require_own_data(path)
-    found, written = _plain(file.attrs.get("elastid")), _plain(file.attrs.get("format", 0))
-    if found != kind:
-        holds = f"holds {found}" if found else "was not written by elastid"
+    stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
+    if stored != kind:
+        holds = f"holds {stored}" if stored else "was not written by elastid"
         raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect` shows what a file holds")
     if written > FORMAT:
         raise DataError(
-            f"{path}: format {written}, written by a newer elastid; this one reads up to {FORMAT}: update it, or "
+            f"{path}: format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
             "delete the file and run again"
+        )
+    if written < FORMAT:
+        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
+        raise DataError(
+            f"{path}: format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
+            f"and {command} again"
         )
 
 
 def _require_own_data(path: Path) -> None:
     """`require_own_data`, of each version of a file once: results have thousands of members, and are opened often."""
-    found = os.stat(path)
-    _search_for_foreign_data(path, found.st_ino, found.st_size, found.st_mtime_ns)
+    version = os.stat(path)
+    _search_for_foreign_data(path, version.st_ino, version.st_size, version.st_mtime_ns)
 
 
 @lru_cache(maxsize=256)
@@ -182,7 +205,7 @@ def read_stamp(path: Path | str) -> Stamp | None:
         if not is_intact(Path(path)):
             return None
         with h5py.File(path, "r") as file:
-            attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}
+            attributes = {name: plain(value) for name, value in file["provenance"].attrs.items()}
             attributes["study"] = file["provenance/study"].asstr()[()]
     except Exception:  # what a damaged file makes h5py raise
         return None
@@ -190,106 +213,32 @@ def read_stamp(path: Path | str) -> Stamp | None:
     return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
 
 
-def scale(group: Any, name: str, values: Sequence[Any] | np.ndarray[Any, Any], long_name: str, units: str = "") -> Any:
-    """A dimension scale: an axis with its values, texts or numbers."""
-    dataset = _dataset(group, name, values)
-    dataset.make_scale(name)
-    _label(dataset, long_name, units)
-    return dataset
-
-
-def variable(group: Any, name: str, values: Any, axes: Sequence[Any], long_name: str, units: str = "") -> None:
-    """An array on named axes, each a scale."""
-    dataset = _dataset(group, name, values)
-    for dimension, axis in zip(dataset.dims, axes, strict=True):
-        dimension.attach_scale(axis)
-        dimension.label = axis.name.rsplit("/", 1)[-1]
-    _label(dataset, long_name, units)
-
-
-def _dataset(group: Any, name: str, values: Any) -> Any:
-    """A dataset of texts or numbers; an array that is kept in a file is copied in pieces."""
-    if isinstance(values, tuple | list) and (not values or isinstance(values[0], str)):
-        return group.create_dataset(name, data=list(values), dtype=_TEXT)
-    if not isinstance(values, np.memmap):
-        return group.create_dataset(name, data=values)
-    dataset = group.create_dataset(name, values.shape, values.dtype)
-    rows = max(1, PIECE_VALUES * len(values) // values.size)
-    for first in range(0, len(values), rows):
-        dataset[first : first + rows] = values[first : first + rows]
-        release(values)
-    return dataset
-
-
-def _label(dataset: Any, long_name: str, units: str) -> None:
-    dataset.attrs["long_name"] = long_name
-    if units:
-        dataset.attrs["units"] = units
-
-
-def texts(group: Any, name: str) -> tuple[str, ...]:
-    """A dataset of texts."""
-    return tuple(group[name].asstr()[:].tolist())
-
-
 def attributes(group: Any) -> dict[str, Any]:
     """The attributes of a group as plain numbers and texts."""
-    return {name: _plain(value) for name, value in group.attrs.items()}
+    return {name: plain(value) for name, value in group.attrs.items()}
 
 
-def attribute(group: Any, name: str) -> Any:
-    """One attribute of a group alone: a reader of many values need not read all of them for each."""
-    return _plain(group.attrs[name])
-
-
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A number of NumPy as that of Python."""
     return value.item() if isinstance(value, np.generic) else value
 
 
-def key(name: str) -> str:
-    """A name as that of a group: / and lone dots have a meaning in HDF5 and are escaped."""
-    escaped = name.replace("%", "%25").replace("/", "%2F")
-    return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
+def put_text(group: Any, name: str, text: str) -> None:
+    """A text as an attribute of a group, a long one as a dataset in it."""
+    if len(text) < _LONG_TEXT:
+        group.attrs[name] = text
+    else:
+        group.create_dataset(name, data=text, dtype=TEXT)
+
+
+def escaped(name: str) -> str:
+    """A name as that of a group: / and lone dots have a meaning in HDF5, and an empty name has none."""
+    text = name.replace("%", "%25").replace("/", "%2F")
+    return (text.replace(".", "%2E") or "%") if not text.strip(".") else text
 
 
 def _first_line(error: Exception) -> str:
     return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
-
-
-def write_notes(group: Any, notes: Sequence[Note]) -> None:
-    """The notes of a value: their texts as an axis, and code, severity and place of each along it."""
-    axis = scale(group, "note", [note.text for note in notes], "text of a note")
-    for field, meaning in (("code", "kind of the note"), ("severity", "severity"), ("place", "place it is about")):
-        variable(group, f"note_{field}", [getattr(note, field) for note in notes], [axis], meaning)
-
-
-def read_notes(group: Any) -> tuple[Note, ...]:
-    """The notes of a value."""
-    columns = (texts(group, name) for name in ("note_code", "note", "note_place", "note_severity"))
-    return tuple(
-        Note(code, text, place, "warning" if severity == "warning" else "information")
-        for code, text, place, severity in zip(*columns, strict=True)
-    )
-
-
-def write_sliding(group: Any, places: tuple[str, ...]) -> None:
-    """The inputs and outputs that translate."""
-    scale(group, "sliding", places, "inputs and outputs that translate: N and m instead of N*m and rad")
-
-
-def read_sliding(group: Any) -> tuple[str, ...]:
-    """The inputs and outputs that translate."""
-    return texts(group, "sliding")
-
-
-def write_input_units(group: Any, units: tuple[str, ...]) -> None:
-    """The unit of each input, where one is a voltage or a current."""
-    scale(group, "input_units", units, "unit of each input, where one is neither torque nor force")
-
-
-def read_input_units(group: Any) -> tuple[str, ...]:
-    """The unit of each input, where one is a voltage or a current; of none in a file without them."""
-    return texts(group, "input_units") if "input_units" in group else ()
 
 
 def kind_of(path: Path | str) -> str | None:
@@ -300,3 +249,53 @@ def kind_of(path: Path | str) -> str | None:
     except Exception:  # no HDF5, or so damaged that h5py raises anything
         return None
     return kind if isinstance(kind, str) else None
+
+
+class DiskFile(io.RawIOBase):
+    """A new binary file for HDF5 to write; nothing more is written after an error of the disk, which `close` raises."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b", buffering=0)
+        self._error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """All of it, or none after an error."""
+        rest = memoryview(data).cast("B")
+        total = len(rest)
+        try:
+            while self._error is None and len(rest):
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._error = error
+        return total
+
+    def readinto(self, buffer: Any) -> int:
+        """The bytes that were written, zeros behind their end."""
+        view = memoryview(buffer).cast("B")
+        count = self._file.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut or extended."""
+        try:
+            return 0 if self._error is not None else self._file.truncate(size)
+        except OSError as error:
+            self._error = error
+            return 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """As that of a file."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """As that of a file."""
+        return self._file.tell()
+
+    def close(self) -> None:
+        """Raises OSError where something could not be written."""
+        error, self._error = self._error, None
+        super().close()
+        self._file.close()
+        if error is not None:
+            raise error

@@ -18,7 +18,7 @@ from elastid.base.errors import ElastidError
 from elastid.base.files import unlinked
 
 LOCK = ".lock"
-# Windows locks bytes, and keeps others from reading those: one far behind the owner's name.
+# Windows locks bytes, and keeps others from reading those: the locked byte is far behind the owner's name.
 _BYTE = 1 << 20
 
 
@@ -60,7 +60,7 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
 
 
 def _lock(file: BinaryIO) -> bool:
-    """Whether nobody else has the lock, which is this program's then until the file is closed."""
+    """True where the lock was free; it is held then until the file is closed."""
     try:
         if os.name == "posix":
             import fcntl

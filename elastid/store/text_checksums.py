@@ -18,7 +18,7 @@ FOLDERS_DEEP = 2
 
 
 def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
-    """The files that are not as they were when `keep_checksums` saw them; one that it never saw is as it was.
+    """The files that have changed since `keep_checksums`; a file without a checksum has not.
 
     names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
     """
@@ -27,7 +27,7 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_as_written(path: Path) -> bool | None:
-    """Whether a file of a run folder is as it was when `keep_checksums` saw it; None for one that it never saw."""
+    """True for a file of a run folder that is as it was at `keep_checksums`; None for a file without a checksum."""
     path = path.resolve()
     for folder in path.parents[:FOLDERS_DEEP]:
         if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
@@ -46,7 +46,7 @@ def keep_checksums(folder: Path, names: Iterable[str]) -> None:
 
 
 def _known(folder: Path) -> dict[str, str]:
-    """Checksum by name; a damaged line is one of no file, or says that an intact file has changed."""
+    """Checksum by name; a damaged line names no file, or reports an intact file as changed."""
     path = folder / CHECKSUMS
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
     pairs = (line.partition("  ") for line in lines)

@@ -1,119 +1,265 @@
-"""Any frozen dataclass as a group of HDF5, field by field, and back by the types of its fields.
+"""Values as groups of HDF5: the one writer of all artefacts, by the fields of frozen dataclasses and their labels.
 
-Numbers and texts are attributes, arrays and tuples of either datasets, other tuples groups with an entry for each
-member, mappings a dataset of their names beside their values; None is absent.
+A dataclass is a group, numbers and texts in it are attributes, arrays datasets with unit, meaning and dimension scales.
+None is absent, and so is an empty tuple or mapping that is the default.  A tuple of numbers or texts is a dataset.  A
+tuple of dataclasses is a table, with a column for each field; where these hold arrays, it is a group with an entry for
+each instead.  A mapping is a group of `names` and `values`.  In a table, a column of tuples is a group of their
+`values` in a row and the `count` of each, one of arrays that differ in shape their `values` and `shape` (-1 where there
+is no dimension), and one of values that may be None those that are `known`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from functools import cache
-from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from operator import attrgetter
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from h5py import h5ds
 
-from elastid.store.files import attribute, scale, texts
+from elastid.base.label import NO_LABEL, Label, unit_of_name
+from elastid.base.mapped import PIECE_VALUES, release
+from elastid.store.files import TEXT, Stamp, created, escaped, put_text
+from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 
-T = TypeVar("T")
-_SCALARS = (bool, int, float, str)
+# Texts along a group of named entries, whose own names are escaped: none of them is this.
+NAMES = "%names"
+# Units of time and frequency where the sampling rate is not known.
+_UNIT_OF_SAMPLES = {"s": "samples", "Hz": "sampling rate"}
 
 
-def write_value(group: Any, name: str, value: Any) -> None:
-    """A value of a dataclass below a group; TypeError for a type that has no place in a file."""
-    if value is None:
-        return
-    if isinstance(value, bool | int | str):
-        group.attrs[name] = value
-    elif isinstance(value, float):
-        group.attrs[name] = float(value)
-    elif isinstance(value, np.ndarray):
-        group.create_dataset(name, data=value)
-    elif isinstance(value, tuple):
-        _write_tuple(group, name, value)
-    elif isinstance(value, Mapping):
-        inner = group.create_group(name)
-        scale(inner, "names", tuple(value), "names of the values")
-        _write_tuple(inner, "values", tuple(value.values()))
-    elif is_dataclass(value):
-        inner = group.create_group(name)
-        for field in fields(value):
-            write_value(inner, field.name, getattr(value, field.name))
+@dataclass
+class _Scope:
+    """A group that is being filled, the value of its fields, and the datasets in it that may be axes of others."""
+
+    group: Any
+    value: Any
+    axes: dict[str, Any] = field(default_factory=dict)
+
+
+def write_value(
+    group: Any,
+    name: str,
+    value: Any,
+    annotation: Any = None,
+    label: Label = NO_LABEL,
+    above: tuple[_Scope, ...] = (),
+) -> Any:
+    """A value below a group, of its own type or of an annotation; TypeError for a type that has no place in a file.
+
+    A tuple of entries with groups of their own may be any iterable, of which each is written before the next is taken.
+    Returns the dataset that may be an axis of others, or None.
+    """
+    kind = kind_of_annotation(type(value) if annotation is None else annotation)
+    if kind.form == "optional" and value is not None:
+        return write_value(group, name, value, kind.parts[0], label, above)
+    writer = _WRITERS.get(kind.form)
+    return None if writer is None or value is None else writer(group, name, value, kind, label, above)
+
+
+def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> None:
+    if kind.type is str:
+        put_text(group, name, value)
     else:
-        raise TypeError(f"{name} is a {type(value).__name__}, which has no place in a file")
+        group.attrs[name] = kind.type(value)
 
 
-def _write_tuple(group: Any, name: str, value: tuple[Any, ...]) -> None:
-    if value and all(isinstance(each, str) for each in value):
-        scale(group, name, value, name)
-    elif value and all(isinstance(each, bool | int | float) for each in value):
-        group.create_dataset(name, data=np.array(value))
+def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
+    write_fields(group.create_group(name), value, above)
+
+
+def write_fields(group: Any, value: Any, above: tuple[_Scope, ...] = ()) -> None:
+    """The fields of a dataclass in a group; those that are dataclasses last, since their axes may be in this one."""
+    scopes = (_Scope(group, value), *above)
+    inner, labelled = [], []
+    for each in fields_of(type(value)):
+        content = getattr(value, each.name)
+        if content is None or (each.may_be_empty and not content):
+            continue
+        if hasattr(content, "__dataclass_fields__"):
+            inner.append(each)
+            continue
+        dataset = write_value(group, each.name, content, each.annotation, each.label, scopes)
+        if dataset is not None:
+            scopes[0].axes[each.name] = dataset
+            if each.label.axes:
+                labelled.append((dataset, each.label.axes))
+    for dataset, axes in labelled:
+        _attach(dataset, axes, scopes)
+    for each in inner:
+        write_value(group, each.name, getattr(value, each.name), each.annotation, each.label, scopes)
+
+
+def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
+    write_fields(group.create_group(name), value, above)
+    group[name].attrs["type"] = type(value).__name__
+
+
+def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> Any:
+    """An array; one that is kept in a file is copied in pieces."""
+    if not isinstance(value, np.memmap):
+        dataset = group.create_dataset(name, data=value)
     else:
+        dataset = group.create_dataset(name, value.shape, value.dtype)
+        rows = max(1, PIECE_VALUES * len(value) // value.size)
+        for first in range(0, len(value), rows):
+            dataset[first : first + rows] = value[first : first + rows]
+            release(value)
+    return _described(dataset, name, label, above)
+
+
+def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, label: Label, above: Any) -> Any:
+    (annotation,) = kind.parts
+    if not has_own_groups(annotation, label):
+        return _write_column(group, name, tuple(value), annotation, label, above)
+    entries, names, name_of = group.create_group(name), [], attrgetter(label.entry) if label.entry else None
+    if name_of is not None and isinstance(value, tuple) and len(set(map(name_of, value))) < len(value):
+        name_of = None
+    for i, each in enumerate(value):
+        names.append(str(i) if name_of is None else str(name_of(each)))
+        write_value(entries, escaped(names[-1]), each, annotation, above=above)
+    if name_of is not None:
+        entries.create_dataset(NAMES, data=names, dtype=TEXT)
+    return None
+
+
+def _write_record(group: Any, name: str, value: tuple[Any, ...], kind: Kind, label: Label, above: Any) -> Any:
+    if _are_numbers(kind.parts):
+        return _described(group.create_dataset(name, data=np.array(value, kind.parts[0])), name, label, above)
+    inner = group.create_group(name)
+    for i, (each, annotation) in enumerate(zip(value, kind.parts, strict=True)):
+        write_value(inner, str(i), each, annotation)
+    return None
+
+
+def _write_mapping(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> Any:
+    inner = group.create_group(name)
+    names = inner.create_dataset("names", data=list(value), dtype=TEXT)
+    write_value(inner, "values", tuple(value.values()), tuple[kind.parts[0], ...], label, above)  # type: ignore[name-defined]
+    return names
+
+
+_WRITERS: dict[str, Callable[..., Any]] = {
+    "scalar": _write_scalar,
+    "array": _write_array,
+    "union": _write_union,
+    "fields": _write_fields,
+    "sequence": _write_sequence,
+    "record": _write_record,
+    "mapping": _write_mapping,
+}
+
+
+def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any, label: Label, above: Any) -> Any:
+    """Values of one type in a row; returns the dataset that may be an axis."""
+    kind = kind_of_annotation(annotation)
+    if kind.form == "scalar" and kind.type is str:
+        return _described(group.create_dataset(name, data=list(values), dtype=TEXT), name, label, above)
+    if kind.form == "scalar" or (kind.form == "record" and _are_numbers(kind.parts)):
+        number, shape = (kind.type, (-1,)) if kind.form == "scalar" else (kind.parts[0], (-1, len(kind.parts)))
+        data = np.array(values, number).reshape(shape if values else (0, *shape[1:]))
+        return _described(group.create_dataset(name, data=data), name, label, above)
+    if kind.form == "array" and len({each.shape for each in values}) < 2:
+        data = np.stack(values) if values else np.zeros(0, kind.type)
+        return _described(group.create_dataset(name, data=data), name, label, above)
+    if kind.form == "optional":
+        known = [each is not None for each in values]
+        if not any(known):
+            return None
         inner = group.create_group(name)
-        inner.attrs["length"] = len(value)
-        for i, each in enumerate(value):
-            write_value(inner, str(i), each)
+        inner.create_dataset("known", data=np.array(known, bool))
+        _write_column(inner, "values", [each for each in values if each is not None], kind.parts[0], label, above)
+        return None
+    inner = group.create_group(name)
+    if kind.form == "fields":
+        inner.attrs["length"] = len(values)
+        columns = [(each, [getattr(value, each.name) for value in values]) for each in fields_of(kind.type) if values]
+        axes = [_write_column(inner, each.name, c, each.annotation, each.label, above) for each, c in columns]
+        return axes[0] if axes else None
+    if kind.form == "record":
+        for i, part in enumerate(kind.parts):
+            _write_column(inner, str(i), [value[i] for value in values], part, label, above)
+    elif kind.form == "array":
+        depth = max(each.ndim for each in values)
+        shapes = [each.shape + (-1,) * (depth - each.ndim) for each in values]
+        inner.create_dataset("shape", data=np.array(shapes, np.int64))
+        inner.create_dataset("values", data=np.concatenate([each.ravel() for each in values]))
+    else:
+        inner.create_dataset("count", data=np.array([len(value) for value in values], np.int64))
+        if kind.form == "mapping":
+            inner.create_dataset("names", data=list(chain.from_iterable(values)), dtype=TEXT)
+            values = [tuple(value.values()) for value in values]
+        row = list(chain.from_iterable(values))
+        write_value(inner, "values", tuple(row), tuple[kind.parts[0], ...], label, above)  # type: ignore[name-defined]
+    return None
 
 
-def is_array(kind: Any) -> bool:
-    """Whether a type is that of an array; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
-    alias = getattr(get_origin(kind), "__value__", kind)
-    return get_origin(alias) is np.ndarray
+def _are_numbers(parts: Sequence[Any]) -> bool:
+    return len(set(parts)) == 1 and parts[0] in (bool, int, float)
 
 
-def read_value(group: Any, name: str, kind: Any) -> Any:
-    """The value of a type that `write_value` has left below a group."""
-    origin, arguments = get_origin(kind), get_args(kind)
-    if origin in (Union, UnionType):
-        present = name in group or name in group.attrs
-        chosen = [option for option in arguments if option is not NoneType]
-        return read_value(group, name, _stored_kind(group, name, chosen)) if present else None
-    if origin is Literal:
-        return attribute(group, name)
-    if kind in _SCALARS:
-        return kind(attribute(group, name))
-    if is_array(kind):
-        return group[name][()]
-    if origin is tuple:
-        return _read_tuple(group, name, arguments)
-    if is_dataclass(kind):
-        return _read_fields(group[name], kind)
-    inner, of = group[name], arguments[1]  # a mapping
-    return dict(zip(texts(inner, "names"), _read_tuple(inner, "values", (of, ...)), strict=True))
+def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]) -> Any:
+    """The dataset with its meaning and unit as attributes."""
+    if label.text:
+        dataset.attrs["long_name"] = label.text
+    if unit := _unit(label.unit or unit_of_name(name), scopes):
+        dataset.attrs["units"] = unit
+    return dataset
 
 
-def _stored_kind(group: Any, name: str, options: list[Any]) -> Any:
-    """Of several dataclasses the one whose fields were stored; the first option otherwise."""
-    if len(options) == 1 or not all(is_dataclass(option) for option in options):
-        return options[0]
-    stored = {*group[name], *group[name].attrs}
-    return min(options, key=lambda option: len(stored ^ set(_hints(option))))
+def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
+    if unit in _UNIT_OF_SAMPLES and not _attribute(scopes, "rate_is_known", True):
+        return _UNIT_OF_SAMPLES[unit]
+    return re.sub(r"\{(\w+)\}", lambda match: _words(_attribute(scopes, match[1], "")), unit) if "{" in unit else unit
 
 
-def read_dataclass(group: Any, name: str, kind: type[T]) -> T:
-    """A dataclass below a group."""
-    found: T = _read_fields(group[name], kind)
-    return found
+def _words(units: Any) -> str:
+    return units if isinstance(units, str) else ", ".join(dict.fromkeys(units))
 
 
-def _read_fields(group: Any, kind: Any) -> Any:
-    known = {name: read_value(group, name, hint) for name, hint in _hints(kind).items()}
-    return kind(**known)
+def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:
+    """The attribute of the innermost value that has one."""
+    return next((getattr(each.value, name) for each in scopes if hasattr(each.value, name)), default)
 
 
-def _read_tuple(group: Any, name: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    entry = group[name]
-    if "length" in entry.attrs:
-        n = int(entry.attrs["length"])
-        kinds = (arguments[0],) * n if arguments[1:] == (...,) else arguments
-        return tuple(read_value(entry, str(i), of) for i, of in enumerate(kinds))
-    if entry.dtype.kind == "O":
-        return texts(group, name)
-    return tuple(entry[()].tolist())
+def _attach(dataset: Any, axes: tuple[str, ...], scopes: tuple[_Scope, ...]) -> None:
+    """Name the dimensions of a dataset; those with values have them as a dimension scale."""
+    for i, name in enumerate(axes[: dataset.ndim]):
+        h5ds.set_label(dataset.id, i, name.encode())
+        scale = _scale(name, scopes)
+        if scale is not None and scale.shape == (dataset.shape[i],):
+            if not h5ds.is_scale(scale.id):
+                h5ds.set_scale(scale.id, name.encode())
+            h5ds.attach_scale(dataset.id, scale.id, i)
 
 
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    hints = get_type_hints(kind)
-    return {field.name: hints[field.name] for field in fields(kind) if field.init}
+def _scale(name: str, scopes: tuple[_Scope, ...]) -> Any:
+    """The dataset of an axis in this group or one around it; that of a property is written where it is first used."""
+    for scope in scopes:
+        if name not in scope.axes and isinstance(getattr(type(scope.value), name, None), property):
+            values = getattr(scope.value, name)
+            scope.axes[name] = _write_array(scope.group, name, values, Kind("array"), NO_LABEL, scopes)
+        if name in scope.axes:
+            return scope.axes[name]
+    return None
+
+
+def write_artefact(
+    path: Path | str,
+    kind: str,
+    stamp: Stamp,
+    parts: Mapping[str, tuple[Any, Any]],
+    entries: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """A file of one kind with its parts by name, each a value and its annotation; a part that is None is absent.
+
+    entries: attribute that names each value of a part that is a tuple.
+    """
+    with created(path, kind, stamp) as file:
+        for name, (value, annotation) in parts.items():
+            write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))

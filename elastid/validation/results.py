@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.label import labelled
 from elastid.record import Motion
 from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance, together
 from elastid.validation.residual_tests import NORMALITY_95
@@ -32,15 +33,15 @@ class Agreement:
     left_out: bool
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
-    lines: IntArray
-    rms_log_db: FloatArray
-    phase_rms_deg: FloatArray
-    inside_2sigma: FloatArray
+    lines: IntArray = labelled("lines judged for magnitude and phase", "", "outputs inputs")
+    rms_log_db: FloatArray = labelled("rms of 20 log10 |measured / modelled|", "dB", "outputs inputs")
+    phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
+    inside_2sigma: FloatArray = labelled("share of the lines within 2 standard deviations", "", "outputs inputs")
     inside_expected: float
-    autocorrelation: FloatArray
-    autocorrelation_bound: FloatArray
-    rms_sigma: FloatArray
-    normality: FloatArray
+    autocorrelation: FloatArray = labelled("of the residual, lags from 1 line on", "", "lag outputs inputs")
+    autocorrelation_bound: FloatArray = labelled("95 % bound of a white residual", "", "lag outputs inputs")
+    rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
+    normality: FloatArray = labelled("Anderson-Darling statistic of the residual", "", "outputs inputs")
     peaks: tuple[Peak, ...]
     power_ratio: float = math.nan
     power_dof: float = 0.0
@@ -134,16 +135,16 @@ class Replay:
     records: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
-    units: tuple[str, ...]
+    units: tuple[str, ...] = labelled("unit of each output", axes="outputs")
     band_hz: tuple[float, float]
-    fit_percent: FloatArray
-    reachable_percent: FloatArray
-    error_rms: FloatArray
+    fit_percent: FloatArray = labelled("100 (1 - rms error / rms motion)", "%", "records outputs")
+    reachable_percent: FloatArray = labelled("fit of a true model", "%", "records outputs")
+    error_rms: FloatArray = labelled("rms error", "{units}", "records outputs")
     shown: str
     rate_hz: float
     rate_is_known: bool
-    measured: FloatArray
-    replayed: FloatArray
+    measured: FloatArray = labelled("motion within the band as measured", "{units}", "time_s outputs")
+    replayed: FloatArray = labelled("motion of the model under the same torque", "{units}", "time_s outputs")
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -184,7 +185,7 @@ class Fold:
     message: str = ""
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
@@ -193,10 +194,10 @@ class Validation:
     summary.
     """
 
-    configurations: tuple[Agreement, ...]
+    configurations: tuple[Agreement, ...] = labelled(entry="configuration")
     verdict: str
     cost: str = ""
-    replays: tuple[Replay, ...] = ()
+    replays: tuple[Replay, ...] = labelled(entry="configuration", default=())
     replayed: str = ""
     folds: tuple[Fold, ...] = ()
     folded: str = ""

@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.label import labelled
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION` is what a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
@@ -60,8 +61,8 @@ class TorqueBalance:
     unit: str
     rate_hz: float
     parts: tuple[str, ...]
-    measured: FloatArray
-    torques: FloatArray
+    measured: FloatArray = labelled("torque as measured, link side", "{unit}", "sample")
+    torques: FloatArray = labelled("torque of each part of the model", "{unit}", "parts sample")
     shares: tuple[float, ...]
     left: float
     left_without_friction: float

@@ -21,6 +21,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octaves
 
 Drive: TypeAlias = Literal["reference", "torque"]
@@ -60,9 +61,9 @@ class TwinSignal:
     kind: SignalKind
     place: str
     unit: str
-    measured: FloatArray
-    simulated: FloatArray
-    frictionless: FloatArray
+    measured: FloatArray = labelled("as measured, link side", "{unit}", "sample")
+    simulated: FloatArray = labelled("of the twin", "{unit}", "sample")
+    frictionless: FloatArray = labelled("of the twin without friction", "{unit}", "sample")
     error: float
     error_without_friction: float
     bands: tuple[BandError, ...]

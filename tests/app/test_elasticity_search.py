@@ -19,7 +19,7 @@ from elastid.linear.linearise import linearise
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.report.page.page import html
-from elastid.store.comparison import read_comparison
+from elastid.store.results import read_comparison
 from elastid.study import load
 
 # In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.store.filter import read_filter
+from elastid.store.friction_study import read_filter
 from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
 ROBOT = f"""

@@ -81,7 +81,7 @@ def test_results_show_their_numbers(tmp_path: Path) -> None:
     assert "torque that acts, link side [N*m] = -2 to 3" in page
     assert "motion, link side [rad] = 0 to 0.1" in page
     assert "angle of the driven joints [rad] = 0.5" in page
-    assert "input (1): input = motor 1" in page
+    assert "inputs (1) = motor 1" in page
 
 
 def test_a_summary_shows_its_numbers(tmp_path: Path) -> None:

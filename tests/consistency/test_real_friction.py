@@ -12,8 +12,7 @@ import pytest
 
 from elastid.app import cli
 from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter, first_estimate
-from elastid.store.filter import read_filter
-from elastid.store.friction_study import read_friction_records
+from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]

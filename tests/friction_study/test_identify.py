@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plants.friction_records import records, simulated, template
 
-from elastid.app.friction_summaries import friction_study_summary
 from elastid.app.identified_robot import robot_of_friction
+from elastid.app.summaries import friction_study_summary
 from elastid.friction_record import FrictionRecords
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels, turns_against_gravity

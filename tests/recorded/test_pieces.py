@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from plants.lab_logs import N, measured, study_of, with_names
 
+from elastid import record as record_module
 from elastid.base import mapped
 from elastid.base.errors import DataError
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -22,7 +23,6 @@ from elastid.recorded import pieces as in_pieces
 from elastid.recorded.files.formats import rows_of
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.pieces import pieces
-from elastid.store import measured as store
 from elastid.store import read_records, write_records
 
 PERIODS = 40
@@ -35,7 +35,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, names in {
         mapped: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
         frf_spectra: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
-        store: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
+        record_module: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
     }.items():
         for name, value in zip(names, (8000, 6400), strict=True):
             monkeypatch.setattr(module, name, value)
@@ -89,7 +89,7 @@ def test_a_log_in_pieces_is_the_same_record(
     assert isinstance(read.y, np.memmap)
     _same(read, whole)
     with h5py.File(tmp_path / "records.h5") as file:
-        np.testing.assert_array_equal(file[f"{read.name}/time"][:], np.arange(read.n_samples) / read.rate_hz)
+        np.testing.assert_array_equal(file[f"records/{read.name}/time_s"][:], np.arange(read.n_samples) / read.rate_hz)
 
 
 @pytest.mark.parametrize("turns", [False, True])

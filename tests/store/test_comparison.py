@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.artefacts import STAMP, same
 
-from elastid.store.comparison import read_comparison, write_comparison
+from elastid.store.results import read_comparison, write_comparison
 from elastid.validation.comparison import ComparedModel, Comparison, Trial
 
 MODELS = (

@@ -16,9 +16,7 @@ from elastid.store.friction_study import (
     read_friction_result,
     write_friction_records,
     write_friction_result,
-    write_pass_reference,
 )
-from elastid.store.values import write_value
 
 
 def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
@@ -54,15 +52,10 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
         read_friction_plan(tmp_path / "records.h5")
 
 
-def test_a_value_without_a_place_in_a_file_is_refused() -> None:
-    """A type that nobody could read again."""
-    with pytest.raises(TypeError, match="x is a set, which has no place in a file"):
-        write_value(None, "x", {1})
-
-
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
     from elastid.experiment.plan.passes import PassReference
+    from elastid.store.design import write_pass_reference
 
     ramp = np.arange(4.0)
     write_pass_reference(tmp_path / "pass.csv", PassReference(10.0, ramp, ramp, ramp, (0, 1), (2, 3)))

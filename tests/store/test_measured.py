@@ -21,7 +21,6 @@ from elastid.store import (
     write_records,
     write_responses,
 )
-from elastid.store.checksum import write_checksum
 
 CONFIGURATION = st.builds(Configuration, NAME, finite(2))
 
@@ -146,12 +145,12 @@ def test_axes_are_dimension_scales_with_units_and_names(tmp_path):
     )
     write_responses(tmp_path / "frf.h5", [response])
     with h5py.File(tmp_path / "frf.h5") as file:
-        G = file["c/G"]
-        assert [d.label for d in G.dims] == ["freq_hz", "output", "input"]
+        G = file["responses/c/G"]
+        assert [d.label for d in G.dims] == ["freq_hz", "outputs", "inputs"]
         assert all(d[0].is_scale for d in G.dims)
         assert G.attrs["units"] == "(rad/s^2)/(N*m)"
         assert G.attrs["long_name"]
-        assert file["c/freq_hz"].attrs["units"] == "Hz"
+        assert file["responses/c/freq_hz"].attrs["units"] == "Hz"
         assert G.dtype == np.complex128
 
 
@@ -172,14 +171,19 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_record_of_an_earlier_version_has_a_period(tmp_path) -> None:
-    """Files without the mark are read as they were written."""
-    record = Record("a", Configuration("c", [0.0]), 0, 0, 1.0, 2, ("u",), ("y",), ("position",), *[np.ones((4, 1))] * 2)
+def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path) -> None:
+    """Units of the signals are those of their places."""
+    signals = [np.ones((4, 2))] * 2
+    places, motions = ("motor 1", "slide"), ("position", "position")
+    here = Configuration("c", [0.0])
+    record = Record("a", here, 0, 0, 1.0, 2, places, places, motions, *signals, rate_is_known=False, sliding=("slide",))
     write_records(tmp_path / "records.h5", [record])
-    with h5py.File(tmp_path / "records.h5", "a") as file:
-        del file["a"].attrs["is_periodic"]
-    write_checksum(tmp_path / "records.h5")
-    assert next(read_records(tmp_path / "records.h5")).is_periodic
+    with h5py.File(tmp_path / "records.h5") as file:
+        group = file["records/a"]
+        assert group["time_s"].attrs["units"] == "samples"
+        assert (group["u"].attrs["units"], group["y"].attrs["units"]) == ("N*m, N", "rad, m")
+        assert [d.label for d in group["u"].dims] == ["time_s", "inputs"]
+        assert group["u"].dims[0][0] == group["time_s"]
 
 
 @pytest.mark.parametrize("shapes", [(), (Shape("motor 1", "sign"), Shape("motor 2", "stop", 0.01))])

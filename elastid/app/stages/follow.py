@@ -23,8 +23,7 @@ from elastid.friction_study.result import JointFriction
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.held_joint import held_joint
-from elastid.store.filter import write_filter
-from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.friction_study import read_friction_records, read_friction_result, write_filter
 
 # Deflection at which bristles slip where no loop has identified it: counts of the encoder, or a share of the path.
 BRISTLE_COUNTS, BRISTLE_SHARE = 20, 1e-4

@@ -8,12 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from elastid.app.console import Console
-from elastid.app.friction_summaries import failed_friction, friction_study_summary
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
 from elastid.app.stages.measure import measure_parts, part_path, report_count
 from elastid.app.stages.report import page_artefacts
-from elastid.app.summaries import write_summary
+from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
 from elastid.app.tables import friction_table
 from elastid.app.work import Artefacts, Work, text
 from elastid.base.errors import FitError
@@ -37,9 +36,10 @@ from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
 from elastid.store import Stamp
-from elastid.store.filter import read_filter
+from elastid.store.design import write_pass_reference, write_torque_reference
 from elastid.store.friction_study import (
     FRICTION,
+    read_filter,
     read_friction_plan,
     read_friction_records,
     read_friction_result,
@@ -48,10 +48,8 @@ from elastid.store.friction_study import (
     write_friction_records,
     write_friction_result,
     write_levels,
-    write_pass_reference,
-    write_torque_reference,
 )
-from elastid.store.twin import read_twin
+from elastid.store.results import read_twin
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances
 from elastid.validation.friction_twin_run import friction_runs

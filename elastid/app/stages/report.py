@@ -33,9 +33,7 @@ from elastid.store import (
     read_stamp,
     read_validation,
 )
-from elastid.store.comparison import read_comparison
-from elastid.store.twin import read_twin
-from elastid.study import Study
+from elastid.store.results import read_comparison, read_twin
 
 
 def report(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError, index_of
+from elastid.base.label import labelled
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.multisine import synthesise
@@ -56,15 +57,15 @@ class Plan:
     sliding: inputs that translate, in N and m instead of Nm and rad.
     """
 
-    configurations: tuple[Configuration, ...]
+    configurations: tuple[Configuration, ...] = labelled(rows=True)
     inputs: tuple[str, ...]
     rate_hz: float
     period_samples: int
     periods: int
     transient_periods: int
-    lines: IntArray
-    R: ComplexArray
-    detection: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    lines: IntArray = labelled("excited DFT lines")
+    R: ComplexArray = labelled("injected torque, link side", "N*m", "configurations realisation run freq_hz inputs")
+    detection: IntArray = labelled("DFT lines without excitation", default_factory=lambda: np.zeros(0, np.int64))
     ramp_samples: int = 0
     hold_samples: int = 0
     sliding: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.experiment.plan.movement import Movement, movement
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -33,11 +34,11 @@ class Reference:
     configuration: Configuration
     rate_hz: float
     first_sample: int
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    feed_forward: FloatArray
-    scale: FloatArray
+    position: FloatArray = labelled("position of each motor, link side", "rad", "time_s inputs")
+    velocity: FloatArray = labelled("velocity of each motor, link side", "rad/s", "time_s inputs")
+    acceleration: FloatArray = labelled("acceleration of each motor, link side", "rad/s^2", "time_s inputs")
+    feed_forward: FloatArray = labelled("feed-forward torque of each motor, link side", "N*m", "time_s inputs")
+    scale: FloatArray = labelled("factor on the torque of the experiment, 0 at rest", "", "time_s")
 
     def injected(self, period: FloatArray) -> FloatArray:
         """r (n, n_u) of a whole run from one period (N, n_u) of torque."""

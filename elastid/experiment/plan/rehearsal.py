@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.experiment.plan.plan import Experiment
 
 
@@ -15,8 +16,8 @@ class Rehearsal:
     experiment: Experiment
     rate_hz: float
     first_sample: int
-    position: FloatArray
-    torque: FloatArray
+    position: FloatArray = labelled("angle of each motor, link side", "rad", "time_s inputs")
+    torque: FloatArray = labelled("torque of each motor, link side", "N*m", "time_s inputs")
 
     @property
     def time_s(self) -> FloatArray:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 
 
@@ -17,9 +18,9 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 class LocalOptimum:
     """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
 
-    x_start: FloatArray
-    x: FloatArray
-    cost: float
+    x_start: FloatArray = labelled("variables of the solver at the start")
+    x: FloatArray = labelled("variables of the solver at the optimum")
+    cost: float = labelled("V at the optimum")
     iterations: int
     converged: bool
     message: str

@@ -12,7 +12,7 @@ from elastid.report.figures.twin import torque_balance_figure
 from elastid.report.figures.twin_run import twin_run_figure
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store.friction_study import FRICTION, write_friction_result
-from elastid.store.twin import read_twin
+from elastid.store.results import read_twin
 from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
 from elastid.validation.twin_run import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, twin_signal
 

@@ -11,14 +11,14 @@ PROGRAM = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from elastid.store.files import NO_STAMP, created, scale, text_file, variable
+from elastid.store.files import NO_STAMP, created, text_file
 
 def write(path):
     with created(path, "test", NO_STAMP) as file:
         for name in "abc":
             group = file.create_group(name)
-            axis = scale(group, "t", np.arange(200.0), "time")
-            variable(group, "v", np.arange(200.0), [axis], "values")
+            group.create_dataset("t", data=np.arange(200.0))
+            group.create_dataset("v", data=np.arange(200.0))
 
 def write_text(path):
     with text_file(path) as file:

@@ -6,36 +6,21 @@ import hashlib
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator, MutableMapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, MutableMapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-import numpy as np
-
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store.files import text_file
-from elastid.validation.comparison import LeftOut, Refit
+from elastid.store.json_values import from_json, json_value
+from elastid.validation.comparison import Refit
 
-
-def _read_profile(name: str, interval: list[float], x: list[float], cost: list[float]) -> Profile:
-    return Profile(name, (interval[0], interval[1]), np.array(x), np.array(cost))
-
-
-def _read_refit(left_out: dict[str, dict[str, float]], **numbers: Any) -> Refit:
-    return Refit(**numbers, left_out={name: LeftOut(**errors) for name, errors in left_out.items()})
-
-
-# Type, its kind in a file, and the function that makes it of its fields as JSON holds them.
-_TYPES: tuple[tuple[type, str, Callable[..., Any]], ...] = (
-    (LocalOptimum, "local optimum", LocalOptimum),
-    (Profile, "profile", _read_profile),
-    (Refit, "refit", _read_refit),
-)
-_KIND_OF = {of: kind for of, kind, _ in _TYPES}
-_READ = {kind: read for _, kind, read in _TYPES}
+# Types of the parts by their kind in a file.
+_TYPES = {"local optimum": LocalOptimum, "profile": Profile, "refit": Refit}
+_KIND_OF = {each: kind for kind, each in _TYPES.items()}
 
 # The first word of a name, and the singular and plural of that part of the work.
 _PARTS = {
@@ -63,16 +48,16 @@ class Checkpoint(MutableMapping[str, Any]):
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
             if content["key"] == self.key and content["sha256"] == _digest(content["value"]):
-                return _READ[content["kind"]](**content["value"])
-        except (OSError, ValueError, TypeError):
+                return from_json(content["value"], _TYPES[content["kind"]])
+        except (OSError, ValueError, TypeError, AttributeError):
             pass
         raise KeyError(name)
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Keep a finished part."""
-        content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": asdict(value)}
+        content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
         with text_file(self._path(name)) as file:
-            json.dump(content | {"sha256": _digest(content["value"])}, file, default=_as_list)
+            json.dump(content | {"sha256": _digest(content["value"])}, file)
 
     def __delitem__(self, name: str) -> None:
         """Forget it."""
@@ -92,7 +77,7 @@ class Checkpoint(MutableMapping[str, Any]):
 
     @property
     def words(self) -> str:
-        """Their number by kind: `12 starts, 1 profile`; empty without any."""
+        """Their number by kind, `12 starts, 1 profile`, or an empty text."""
         counts = Counter(name.partition("-")[0] for name in self)
         return ", ".join(f"{n} {words[n > 1]}" for part, words in _PARTS.items() if (n := counts[part]))
 
@@ -106,9 +91,4 @@ class Checkpoint(MutableMapping[str, Any]):
 
 def _digest(value: Any) -> str:
     """SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
-    return hashlib.sha256(json.dumps(value, default=_as_list).encode()).hexdigest()
-
-
-def _as_list(value: Any) -> Any:
-    """An array as JSON: the shortest text of each number reads back as the same number, infinity and NaN included."""
-    return value.tolist()
+    return hashlib.sha256(json.dumps(value).encode()).hexdigest()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from elastid.store.values import is_array
+from elastid.store.kinds import is_array
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 # As numpy.typing has it from NumPy 2.5 and Python 3.12 on.

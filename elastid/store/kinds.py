@@ -1,0 +1,104 @@
+"""Kinds of the fields of a value, by their annotations: the layout of a file follows from these alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache, reduce
+from operator import or_
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from elastid.base.label import NO_LABEL, Label, label_of
+
+Form: TypeAlias = Literal["scalar", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
+_SCALARS = (bool, int, float, str)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Form of a value in a file and what it consists of.
+
+    scalar: a number or text of `type`, one of `choices` where there are any.  array: of `type` as NumPy's.
+    optional: parts[0] or None.  union: one of several dataclasses.  fields: a dataclass `type`.
+    sequence: a tuple of parts[0].  record: a tuple of fixed parts.  mapping: from texts to parts[0].
+    """
+
+    form: Form
+    type: Any = None
+    parts: tuple[Any, ...] = ()
+    choices: tuple[Any, ...] = ()
+
+
+@dataclass(frozen=True)
+class FieldKind:
+    """A field of a dataclass.  may_be_empty: an empty tuple or mapping is its default."""
+
+    name: str
+    annotation: Any
+    label: Label
+    may_be_empty: bool
+
+
+def _kind_of_annotation(annotation: Any) -> Kind:
+    """The kind of an annotated value; TypeError for a type that has no place in a file."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if annotation in _SCALARS:
+        return Kind("scalar", annotation)
+    if origin is Literal:
+        return Kind("scalar", type(arguments[0]), choices=arguments)
+    if is_array(annotation):
+        return Kind("array", _number_type(arguments[-1]))
+    if origin in (Union, UnionType):
+        present = tuple(each for each in arguments if each is not NoneType)
+        if len(present) < len(arguments):
+            return Kind("optional", parts=(present[0] if len(present) == 1 else reduce(or_, present),))
+        return Kind("union", parts=arguments)
+    if origin is tuple:
+        return Kind("sequence", parts=arguments[:1]) if arguments[1:] == (...,) else Kind("record", parts=arguments)
+    if origin in (dict, Mapping):
+        return Kind("mapping", parts=arguments[1:])
+    if is_dataclass(annotation):
+        return Kind("fields", annotation)
+    raise TypeError(f"{annotation} has no place in a file")
+
+
+kind_of_annotation: Callable[[Any], Kind] = cache(_kind_of_annotation)
+
+
+def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
+    """The fields that a dataclass is made of."""
+    hints = get_type_hints(kind)
+    return tuple(
+        FieldKind(each.name, hints[each.name], label_of(each), each.default == () or each.default_factory is dict)
+        for each in fields(kind)
+        if each.init
+    )
+
+
+fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
+
+
+@cache
+def has_own_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
+    """True where each value of a tuple has a group: of dataclasses with arrays, unless its label says rows."""
+    kind = kind_of_annotation(annotation)
+    return kind.form == "union" or (kind.form == "fields" and not label.rows and _has_arrays(annotation))
+
+
+def _has_arrays(annotation: Any) -> bool:
+    kind = kind_of_annotation(annotation)
+    inner = [each.annotation for each in fields_of(annotation)] if kind.form == "fields" else kind.parts
+    return kind.form in ("array", "union") or any(_has_arrays(each) for each in inner)
+
+
+def is_array(annotation: Any) -> bool:
+    """True for a type of arrays; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
+    alias = getattr(get_origin(annotation), "__value__", annotation)
+    return get_origin(alias) is np.ndarray
+
+
+def _number_type(argument: Any) -> Any:
+    return get_args(argument)[0] if get_origin(argument) is np.dtype else argument

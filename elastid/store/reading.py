@@ -1,0 +1,206 @@
+"""Values from groups of HDF5: the one reader of all artefacts, by the types that `values` has written them from.
+
+Whatever a file holds ends in a value of that type or in an exception, which `opened` makes a sentence of: types are
+those of the reader and never of the file, and no count in a file is believed that its data do not have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+import numpy as np
+
+from elastid.base.label import NO_LABEL, Label
+from elastid.base.mapped import mapped
+from elastid.store.files import escaped, opened, plain
+from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
+from elastid.store.values import NAMES
+
+T = TypeVar("T")
+# Rows of a table of which no column says how many there are.
+_MAX_EMPTY_ROWS = 1_000_000
+_NUMBERS = {bool: "b", int: "iu", float: "f"}
+
+
+def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) -> Any:
+    """The value of a type below a group; KeyError, TypeError or ValueError where it is not one of that type."""
+    kind = kind_of_annotation(annotation)
+    if kind.form == "optional":
+        return read_value(group, name, kind.parts[0], label) if name in group or name in group.attrs else None
+    if kind.form == "scalar":
+        return _scalar(group.attrs[name] if name in group.attrs else group[name].asstr()[()], kind)
+    return _READERS[kind.form](group[name], kind, label)
+
+
+def read_dataclass(group: Any, kind: type[T]) -> T:
+    """A dataclass of whose fields a group is."""
+    attributes, members = dict(group.attrs.items()), set(group)
+    known: dict[str, Any] = {}
+    for each in fields_of(kind):
+        content = kind_of_annotation(each.annotation)
+        is_optional = content.form == "optional"
+        if is_optional:
+            content = kind_of_annotation(content.parts[0])
+        if each.name in members and content.form != "scalar":
+            known[each.name] = _READERS[content.form](group[each.name], content, each.label)
+        elif each.name in attributes:
+            known[each.name] = _scalar(attributes[each.name], content)
+        elif is_optional and each.name not in members:
+            known[each.name] = None
+        elif not each.may_be_empty:
+            known[each.name] = _scalar(group[each.name].asstr()[()], content)
+    return kind(**known)
+
+
+def read_entries(group: Any, annotation: Any) -> Iterator[Any]:
+    """The values of a group with an entry for each, one at a time, in the order written."""
+    for name in entry_names(group):
+        yield read_value(group, name, annotation)
+
+
+def entry_names(group: Any) -> tuple[str, ...]:
+    """The names of the entries of a group, in the order written, as those of its members."""
+    if NAMES in group:
+        return tuple(escaped(name) for name in group[NAMES].asstr()[:].tolist())
+    return tuple(str(i) for i in range(len(group)))
+
+
+def _scalar(value: Any, kind: Kind) -> Any:
+    value = plain(value)
+    if type(value) is not kind.type or (kind.choices and value not in kind.choices):
+        expected = f"one of {', '.join(map(str, kind.choices))}" if kind.choices else kind.type.__name__
+        raise ValueError(f"{value!r} where {expected} is expected")
+    return value
+
+
+def _read_array(dataset: Any, *_: Any) -> Any:
+    """An array; a large one stays in the file."""
+    in_place = mapped(Path(dataset.file.filename), dataset)
+    return dataset[()] if in_place is None else in_place
+
+
+def _read_sequence(item: Any, kind: Kind, label: Label) -> tuple[Any, ...]:
+    (annotation,) = kind.parts
+    if has_own_groups(annotation, label):
+        return tuple(read_entries(item, annotation))
+    return tuple(_read_column(item, annotation, label))
+
+
+def _read_record(item: Any, kind: Kind, _: Label) -> tuple[Any, ...]:
+    if isinstance(item, h5py.Dataset):
+        return tuple(_numbers(item, kind.parts[0], (len(kind.parts),)))
+    return tuple(read_value(item, str(i), annotation) for i, annotation in enumerate(kind.parts))
+
+
+def _read_mapping(item: Any, kind: Kind, label: Label) -> dict[str, Any]:
+    values = read_value(item, "values", tuple[kind.parts[0], ...], label)  # type: ignore[name-defined]
+    return dict(zip(item["names"].asstr()[:].tolist(), values, strict=True))
+
+
+def _read_union(item: Any, kind: Kind, _: Label) -> Any:
+    types = {each.__name__: each for each in kind.parts}
+    return read_dataclass(item, types[item.attrs["type"]])
+
+
+_READERS: dict[str, Callable[..., Any]] = {
+    "array": _read_array,
+    "union": _read_union,
+    "fields": lambda item, kind, _: read_dataclass(item, kind.type),
+    "sequence": _read_sequence,
+    "record": _read_record,
+    "mapping": _read_mapping,
+}
+
+
+def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[Any]:
+    kind = kind_of_annotation(annotation)
+    match kind.form:
+        case "scalar":
+            return _scalars(item, kind)
+        case "array":
+            if isinstance(item, h5py.Dataset):
+                return list(item[()])
+            shapes, values = [[n for n in row if n >= 0] for row in item["shape"][:].tolist()], item["values"][:]
+            parts = _split(values, [math.prod(shape) for shape in shapes])
+            return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+        case "optional":
+            known = _numbers(item["known"], bool)
+            values = iter(_read_column(item["values"], kind.parts[0], label))
+            column = [next(values) if each else None for each in known]
+            if next(values, None) is not None:
+                raise ValueError("more values than known ones")
+            return column
+        case "fields":
+            return _read_rows(item, kind)
+        case "record":
+            if isinstance(item, h5py.Dataset):
+                return list(map(tuple, _numbers(item, kind.parts[0], (len(item), len(kind.parts)))))
+            parts = [_read_column(item[str(i)], part, label) for i, part in enumerate(kind.parts)]
+            return list(zip(*parts, strict=True))
+        case _:
+            counts = _numbers(item["count"], int)
+            row = read_value(item, "values", tuple[kind.parts[0], ...], label)  # type: ignore[name-defined]
+            if kind.form == "sequence":
+                return _split(row, counts)
+            names = _split(item["names"].asstr()[:].tolist(), counts)
+            return [dict(zip(*pair, strict=True)) for pair in zip(names, _split(row, counts), strict=True)]
+
+
+def _read_rows(group: Any, kind: Kind) -> list[Any]:
+    """A table of a dataclass, column by column; a column of which nothing is known is absent."""
+    n = _scalar(group.attrs["length"], Kind("scalar", int))
+    columns: dict[str, Any] = {}
+    for each in fields_of(kind.type):
+        if each.name in group:
+            columns[each.name] = _read_column(group[each.name], each.annotation, each.label)
+        elif kind_of_annotation(each.annotation).form != "optional":
+            columns[each.name] = []
+    if any(len(column) != n for column in columns.values()) or not 0 <= n <= _MAX_EMPTY_ROWS:
+        raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
+    columns |= {each.name: [None] * n for each in fields_of(kind.type) if each.name not in columns}
+    return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+
+
+def _scalars(dataset: Any, kind: Kind) -> list[Any]:
+    if kind.type is not str:
+        return _numbers(dataset, kind.type)
+    values: list[Any] = dataset.asstr()[:].tolist()
+    if kind.choices and not set(values) <= set(kind.choices):
+        raise ValueError(f"{sorted(set(values) - set(kind.choices))} where {kind.choices} are expected")
+    return values
+
+
+def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -> list[Any]:
+    if dataset.dtype.kind not in _NUMBERS[number] or (dataset.ndim != 1 if shape is None else dataset.shape != shape):
+        raise ValueError(f"{dataset.shape} {dataset.dtype} where numbers ({number.__name__}) are expected")
+    values: list[Any] = dataset[()].tolist()
+    return values
+
+
+def _split(values: Any, counts: list[int]) -> list[Any]:
+    """Consecutive parts of so many values each, which must be all of them."""
+    if any(count < 0 for count in counts) or sum(counts) != len(values):
+        raise ValueError(f"{len(values)} values in parts of {sum(counts)}")
+    if isinstance(values, np.ndarray):
+        return np.split(values, np.cumsum(counts)[:-1]) if counts else []
+    rest = iter(values)
+    return [tuple(islice(rest, count)) for count in counts]
+
+
+def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
+    """One part of a file of a kind; DataError where it is absent."""
+    with opened(path, kind) as file:
+        part: T = read_value(file, name, annotation)
+        return part
+
+
+def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T | None:
+    """One part of a file of a kind, or None."""
+    with opened(path, kind) as file:
+        part: T | None = read_value(file, name, annotation) if name in file else None
+        return part
