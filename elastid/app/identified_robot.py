@@ -11,7 +11,7 @@ from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
 from elastid.study import Study
-from elastid.study.robot_text import robot_text
+from elastid.study.robots import robot_text
 
 if TYPE_CHECKING:
     from elastid.friction_fit.result import FrictionResult
