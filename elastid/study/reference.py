@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
+from functools import cache
 from textwrap import fill
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -58,11 +59,17 @@ class StudyKey:
 
 def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
     """The keys of one section.  path: before their names."""
-    hints = get_type_hints(section, include_extras=True)
+    hints = _hints(section)
     for f in fields(section):
         key = next(mark for mark in hints[f.name].__metadata__ if isinstance(mark, Key))
         default = f.default if f.default_factory is MISSING else f.default_factory()
         yield StudyKey(path + f.name, section, f.name, hints[f.name], key.text, key.advice, default)
+
+
+@cache
+def _hints(section: type) -> dict[str, Any]:
+    """The annotations of a section's fields."""
+    return get_type_hints(section, include_extras=True)
 
 
 def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
@@ -103,9 +110,14 @@ def type_at(root: Any, path: KeyPath) -> Any:
     return root
 
 
+def sections_in(annotation: Any) -> list[type]:
+    """The sections that an annotation allows."""
+    return [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
+
+
 def names_in(annotation: Any) -> list[str]:
     """The keys of the section that an annotation allows."""
-    return [f.name for option in _options(annotation) if is_dataclass(option) for f in fields(option)]
+    return [f.name for section in sections_in(annotation) for f in fields(section)]
 
 
 def words_in(annotation: Any) -> list[str]:
@@ -154,9 +166,8 @@ def _child(annotation: Any, step: str | int) -> Any:
     for option in _options(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if is_dataclass(option) and isinstance(option, type):
-            hints = get_type_hints(option, include_extras=True)
-            if step in hints:
-                return hints[str(step)]
+            if step in _hints(option):
+                return _hints(option)[str(step)]
         elif origin is dict:
             return arguments[1]
         elif origin is tuple and isinstance(step, int) and arguments:
@@ -240,8 +251,11 @@ def _explanation(key: StudyKey) -> str:
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
-    layout = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
-    return "\n".join([key.path, *(fill(paragraph, _WIDTH, **layout) for paragraph in paragraphs)])
+    return "\n".join([key.path, *map(_indented, paragraphs)])
+
+
+def _indented(paragraph: str) -> str:
+    return fill(paragraph, _WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _default(value: Any) -> str:

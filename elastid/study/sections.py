@@ -37,20 +37,20 @@ class Study:
     # fmt: off
     name: Annotated[str, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the run "
         "folder of the first, runs/NAME; without it results of both would land in one.")]
-    experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig: the measurement.", "it decides "
-        "the kind of study: simulated to plan or to learn, recorded for logs, responses where another program has "
-        "estimated already.")]
+    seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
+        "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
+        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.")] = 0
     robot: Annotated[Robot | None, Key("Path of the robot's file, relative to the study, or the robot itself. Left out "
         "where only responses are wanted, recorded or from elsewhere; places are then names.", "give it as soon as a "
         "model is to be fitted; left out, the stages end with the responses and their report.")] = None
     excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints; needed where the rig is "
         "simulated.", "leave it out for logs and responses, whose lines are found in the data.")] = None
+    experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig: the measurement.", "it decides "
+        "the kind of study: simulated to plan or to learn, recorded for logs, responses where another program has "
+        "estimated already.")] = field(kw_only=True)
     design: Annotated[DesignSpec | None, Key("Choice of further configurations before anything is measured.", "give it "
         "before robot time is booked: chosen postures reach the intervals of drawn ones in fewer measurements. "
         "Postures of your own are kept.")] = None
-    seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
-        "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
-        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.")] = 0
     estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "the defaults suit "
         "a closed-loop robot with several realisations; change it for records without a period, or for fewer "
         "experiments than motors.")] = EstimatorSpec()

@@ -12,7 +12,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
 from elastid.fit.weight_spec import WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -103,6 +103,17 @@ def test_one_ratio_damps_all_springs():
         assert "ratio" in result.parameters.free_names
         assert off(result, "ratio", truth) < 4
         assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
+
+
+def test_a_ratio_stays_within_its_bounds_and_near_its_prior():
+    """As any positive parameter: bounds as given, and a prior of its relative standard deviation about the start."""
+    known = RatioSpec(1e-3, bounds=(5e-4, 2e-3), prior=PriorSpec(0.1))
+    dampings = {"d_*": ParameterSpec(tie=TieSpec("k_*", by="eta"))}
+    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec(), **dampings}, ratios={"eta": known}), bench())
+    (eta,) = (parameter for parameter in parameters.free if parameter.name == "eta")
+    assert (eta.lower, eta.upper) == (5e-4, 2e-3)
+    assert eta.prior is not None
+    assert eta.prior.std == pytest.approx(0.1)
 
 
 def test_the_jacobian_of_products_follows_from_differences():

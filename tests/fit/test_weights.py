@@ -8,7 +8,7 @@ from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, MaskSpec, WeightSpec
 from elastid.fit.weights.smoothed_variance import smooth_variance
 from elastid.fit.weights.weights import check_masks, weigh
 from elastid.record import Configuration
@@ -119,6 +119,17 @@ def test_band_and_masks_leave_out_what_matches_all_that_is_given():
     np.testing.assert_array_equal(used[:, 0], in_band)
     np.testing.assert_array_equal(used[:, 1], in_band & ~((FREQ >= 10) & (FREQ <= 15)))
     assert weigh(measured, FitSpec(mask=(MaskSpec(configurations=("other",)),))).used.all()
+
+
+def test_a_factor_of_an_input_weighs_its_column():
+    """The other inputs keep their weight; smooth: 1 leaves the variance of each line as it was measured."""
+    variance = np.full((F, 1, 2), 1e-4)
+    inputs = ("motor 1", "motor 2")
+    measured = response(1e-4, G=np.repeat(G[:, None, None], 2, axis=2), inputs=inputs, noise=Covariance(variance, np.inf))
+    plain = FitSpec(weights=WeightSpec(smooth=1))
+    tenfold = FitSpec(weights=WeightSpec(smooth=1, factors=(FactorSpec(10.0, input="motor 2"),)))
+    ratio = weigh(measured, tenfold).factor / weigh(measured, plain).factor
+    np.testing.assert_allclose(ratio, np.broadcast_to([1.0, 10.0], ratio.shape))
 
 
 def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():

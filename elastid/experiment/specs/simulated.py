@@ -20,7 +20,6 @@ from elastid.base.units import (
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.experiment.specs.heat import HeatSpec
 from elastid.model.spec import ModelSpec
-from elastid.simulation.spec import StabilisationSpec
 
 
 @section
@@ -121,7 +120,7 @@ class CarrierSpec:
 
 @section
 class SimulatedSpec:
-    """A rig that is a model: the study's robot with some of its numbers replaced by the truth that the fit must find."""
+    """A rig that is a model: the study's robot, with the truth that the fit must find in place of some numbers."""
 
     # fmt: off
     truth: Annotated[dict[str, Quantity], Key("True parameters of the simulated robot, name to value.", "give the "
@@ -155,9 +154,6 @@ class SimulatedSpec:
         "in a study of friction whose law has temperature terms; without it warm_up has nothing to show.")] = None
     model: Annotated[ModelSpec, Key("Equations of motion of the rig, independent of those of the fit.", "another "
         "formulation or variant than the fit's shows what that approximation costs in parameters.")] = ModelSpec()
-    loops: Annotated[StabilisationSpec, Key("Stabilisation of the closed loops of a simulated linkage.",
-        "for a linkage whose loops drift apart over long records; trees and cut rods have nothing to "
-        "close.")] = StabilisationSpec()
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -112,7 +112,7 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
     if recorded.rate_hz == "unknown":
         message = "friction depends on velocities, which need the sampling rate; give it in Hz"
         yield Problem((*_RECORDED, "rate_hz"), message)
-    yield from _check_joints(study, recorded)
+    yield from _check_logged_joints(study, recorded)
     yield from _check_controller(study, recorded)
     if isinstance(study.as_friction().passes, PassesSpec):
         message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
@@ -127,7 +127,7 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         )
 
 
-def _check_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Joints that are asked for by name have a torque and a position."""
     asked = study.as_friction().joints
     for joint in study.friction_joints if asked else ():
