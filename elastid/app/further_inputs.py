@@ -17,7 +17,7 @@ from elastid.study.checks.design import responses_file
 def of_design(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
     """Settings of the later fit, on which choice and forecast depend, and the earlier results that the study names."""
     study, fit = loaded.study, asdict(loaded.study.fit)
-    settings: list[Any] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
+    settings: list[Any] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz")]
     settings += [study.estimator.quantity, study.estimator.friction, study.validation.left_out]
     if study.design is not None:
         files = [responses_file(loaded.base, path) for path in (*study.design.measured, study.design.noise.frf) if path]

@@ -16,7 +16,6 @@ MIN_POWER_SHARE = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
 AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
-Effort: TypeAlias = Literal["normal", "high"]
 
 _NEW_IN_EVERY_REALISATION = ("random", "optimised")
 _SWEEPS = ("linear-sweep", "log-sweep", "prbs")
@@ -86,8 +85,6 @@ class MultisineSpec:
     compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases lower.", "name the signal whose "
         "limit binds, velocity or acceleration mostly; several share the effort and each is lowered "
         "less.")] = ("torque",)
-    effort: Annotated[Effort, Key("Effort of the search for optimised phases.", "`high` takes ten times as long, for "
-        "peaks that are some percent lower; worth it for a signal that is used many times.")] = "normal"
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -10,13 +10,12 @@ from typing import Annotated, Literal
 from elastid.base.errors import check_kind
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Quantity
-from elastid.fit.weight_spec import MaskSpec, WeightSpec, check_band
+from elastid.fit.weight_spec import WeightSpec, check_band
 from elastid.parameters import Tie
 
 # Whatever is more is a slip of the pen.
 MOST_STARTS = 10_000
 LARGEST_FACTOR = 1e3
-MOST_BANDS = 20
 # Below, no interval of 95 % can be read off.
 FEWEST_REPETITIONS = 40
 
@@ -154,18 +153,12 @@ class FitSpec:
     start_factor: Annotated[float, Key("Spread of the starts around the given one, as a factor; dampings and frictions "
         "spread over its square.", "larger, 5 to 10, where the robot's numbers are guesses, with more starts; 1.5 "
         "where they come from an earlier fit. 3 covers catalogues and numbers of similar robots.")] = 3.0
-    continuation: Annotated[int, Key("Number of bands, each wider than the one before and all from the lowest line, "
-        "that the first stage goes through; 1 fits all lines at once.", "3 or 4 where starts end far apart, as with "
-        "many modes: low modes are matched before high ones count. Each band costs a search.")] = 1
     solver: Annotated[Literal["trust_region", "ipopt"], Key("Solver of the least-squares problem: `trust_region`, or "
         "`ipopt` where that one stops early.", "`ipopt` where trust_region stops early at bounds or with strongly "
         "correlated parameters; both end at one optimum where both converge.")] = "trust_region"
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band of the lines that are fitted (default: all).",
         "narrower where the robot has modes beyond it that the model lacks, or where low lines are spoilt by friction; "
         "compare the parameters of two bands before you trust either.")] = None
-    mask: Annotated[tuple[MaskSpec, ...], Key("Elements of the responses that are left out.", "where a channel or a "
-        "band is known to be wrong, such as lines at the mains frequency; say why in a comment, since it hides "
-        "misfit.")] = ()
     weights: Annotated[WeightSpec, Key("Weights of the responses' elements.", "their floor is the first number to look "
         "at where a fit ends as misfit but looks good.")] = WeightSpec()
     profile: Annotated[Literal["auto"] | tuple[str, ...], Key("Names or patterns of parameters whose interval is found "
@@ -198,10 +191,6 @@ class FitSpec:
             )
         if not (self.bootstrap == 0 or FEWEST_REPETITIONS <= self.bootstrap <= MOST_STARTS):
             raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or {FEWEST_REPETITIONS} to {MOST_STARTS}")
-        if not 1 <= self.continuation <= MOST_BANDS:
-            raise ValueError(
-                f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"
-            )
         check_band(self.band_hz)
         if self.seed is not None and self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")

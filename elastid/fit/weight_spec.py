@@ -19,34 +19,14 @@ def check_band(band_hz: tuple[float, float] | None) -> None:
 
 
 @section
-class MaskSpec:
-    """Leaves out elements that match all of the keys given."""
-
-    # fmt: off
-    configurations: Annotated[tuple[str, ...], Key("Names of the configurations (default: all).", "name one to leave "
-        "its elements out and keep those of the others; to judge the model by it, use validation.left_out "
-        "instead.")] = ()
-    output: Annotated[str, Key("Place of the output such as `motor 1` (default: all).", "a sensor that was loose or "
-        "clipped; elements of the other outputs keep their weight.")] = ""
-    input: Annotated[str, Key("Motor of the input, such as `motor 1` (default: all).", "a motor whose torque log is "
-        "doubtful; its column is left out of the fit.")] = ""
-    band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Lowest and highest frequency (default: all lines).",
-        "as narrow as the fault, such as [49, 51] for the mains.")] = None
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        """Refuse a band upside down."""
-        check_band(self.band_hz)
-
-
-@section
 class FactorSpec:
     """Multiplies the weight of elements that match all of the other keys given; several factors multiply."""
 
     # fmt: off
-    factor: Annotated[float, Key("Factor of the weight; 0 leaves the elements out.", "0.1 for elements that deserve "
-        "less trust than their variance says, 10 for those that matter most; the intervals still count the noise as it "
-        "was measured.")]
+    factor: Annotated[float, Key("Factor of the weight; 0 leaves the elements out.", "0 for a channel "
+        "or a band that is known to be wrong, such as lines at the mains frequency, with a comment that says why, "
+        "since it hides misfit; 0.1 for elements that deserve less trust than their variance says, 10 for those that "
+        "matter most; the intervals still count the noise as it was measured.")]
     configurations: Annotated[tuple[str, ...], Key("Names of the configurations (default: all).", "the postures of the "
         "robot's daily work, where the model has to be best there.")] = ()
     output: Annotated[str, Key("Place of the output such as `motor 1` (default: all).", "an accelerometer at the tool "
@@ -65,9 +45,9 @@ class FactorSpec:
 
 
 def misnamed(
-    spec: MaskSpec | FactorSpec, known: Mapping[str, Collection[str]]
+    spec: FactorSpec, known: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """The names that a mask or factor has wrong: key path, noun, name.  known: by the key, those that exist.
+    """The names that a factor has wrong: key path, noun, name.  known: by the key, those that exist.
 
     Outputs that nobody knows yet are not checked.
     """
@@ -97,15 +77,12 @@ class WeightSpec:
         "through the robot, by levels common to all lines, and neighbouring lines for what remains.", "`diagonal` "
         "where correlations come from so few realisations that they are not believed, or to compare with older fits; "
         "parameters scatter more where outputs share their noise.")] = "auto"
-    normalise: Annotated[bool, Key("Every configuration counts equally in sum if true, however many lines it has and "
-        "however quiet they are.", "true where one of them must not decide alone, such as a posture measured ten times "
-        "as long; the parameters then no longer have the least variance.")] = False
     factors: Annotated[tuple[FactorSpec, ...], Key("Further factors of the weights of some elements.", "where one "
-        "deserves less trust than its variance says; 0.1 to 10, and a mask for none at all.")] = ()
+        "deserves less trust than its variance says; 0.1 to 10, and 0 for none at all.")] = ()
     loss: Annotated[Loss, Key("Loss of a residual: `huber` and `soft_l1` give outliers less influence than their "
         "square, in iteratively reweighted least squares: for single lines that are wrong by factors.", "for single "
         "lines that are wrong by factors; good data lose a little of their precision. Whole bands or channels that are "
-        "wrong need a mask.")] = "square"
+        "wrong need a factor of 0.")] = "square"
     loss_scale: Annotated[float, Key("Standard deviations of real and imaginary part beyond which an element is an "
         "outlier.", "lower, about 1.3, where many lines are wrong; higher comes back to the square. At 2 all but 5 % "
         "of good data count with their square.")] = 2.0

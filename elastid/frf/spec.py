@@ -77,9 +77,6 @@ class EstimatorSpec:
     local_order: Annotated[int | Literal["auto"], Key("Degree of the local polynomials; `auto` is 2, rational up to 3.",
         "higher where a window is wider than a resonance; each degree costs n_u lines of window, which widens it "
         "again.")] = "auto"
-    local_margin: Annotated[int, Key("Further degrees of freedom of a window, whose lines leave n_y + local_margin of "
-        "them, at least 6.", "more lowers the variance and widens the window, with bias at sharp resonances; lower "
-        "only where lines are scarce.")] = 2
     window: Annotated[Window, Key("Window of each segment in Welch's method.", "`boxcar` where signals die out within "
         "a segment, as after a hammer; `flattop` only for the height of single lines, `hann` loses least for "
         "noise.")] = "hann"
@@ -104,11 +101,8 @@ class EstimatorSpec:
             raise ValueError(f"transient_periods is {self.transient_periods}; it must not be negative")
         if not self.outlier_sigma > 0:
             raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
-        if (self.local_order != "auto" and not 1 <= self.local_order <= 6) or self.local_margin < 0:
-            raise ValueError(
-                f"local_order is {self.local_order}, it must be 1 to 6; local_margin is {self.local_margin}, it must "
-                "not be negative"
-            )
+        if self.local_order != "auto" and not 1 <= self.local_order <= 6:
+            raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
         if not 0 <= self.overlap <= _MAX_OVERLAP:
             raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to {_MAX_OVERLAP:g} of a segment")
         if self.segment != "auto" and not self.segment > 0:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 
 
@@ -43,10 +43,4 @@ class RelinearisedFit:
 
     def at(self, x: FloatArray) -> ElasticFit:
         """The fit at x; which elements count and how much stays as it is at the first start."""
-        moved = self.linearise(x)
-        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.first.parts)))
-
-
-def _weighed_as(part: Part, first: Part) -> Part:
-    """The part on the lines of another, with its weights and what has been worked out of them."""
-    return part.below(first.kernel.freq_hz.max(initial=0.0)).with_residuals_of(first)
+        return self.linearise(x).with_residuals_of(self.first)

@@ -11,7 +11,7 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
-from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
+from elastid.fit.weight_spec import misnamed
 from elastid.model.spec import ModelSpec
 from elastid.robot import Body, Robot, unit_axis
 from elastid.study.checks.names import (
@@ -32,7 +32,7 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 def check_fit(study: Study) -> Iterator[Problem]:
     """All of the section that depends on others; the parameters themselves are checked as they get their units."""
     yield from _check_groups(study)
-    yield from _check_masks(study)
+    yield from _check_factors(study)
     yield from _check_profile(study)
     yield from _check_geometry(study)
     yield from _check_inertias(study)
@@ -61,16 +61,12 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
-def _check_masks(study: Study) -> Iterator[Problem]:
-    """Masks and factors name configurations, outputs and inputs that are measured."""
+def _check_factors(study: Study) -> Iterator[Problem]:
+    """Factors name configurations, outputs and inputs that are measured."""
     known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
-    given: list[tuple[KeyPath, MaskSpec | FactorSpec]] = [
-        *((("fit", "mask", i), mask) for i, mask in enumerate(study.fit.mask)),
-        *((("fit", "weights", "factors", i), factor) for i, factor in enumerate(study.fit.weights.factors)),
-    ]
-    for path, mask in given:
-        for place, noun, name in misnamed(mask, known):
-            yield unknown((*path, *place), noun, name, known[str(place[0])])
+    for i, factor in enumerate(study.fit.weights.factors):
+        for place, noun, name in misnamed(factor, known):
+            yield unknown(("fit", "weights", "factors", i, *place), noun, name, known[str(place[0])])
 
 
 def _check_profile(study: Study) -> Iterator[Problem]:
