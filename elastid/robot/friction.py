@@ -22,7 +22,7 @@ from elastid.base.units import (
     TemperatureRise,
     of_translation,
 )
-from elastid.robot.presliding import Dahl, LuGre, MaxwellSlip, require_not_negative, require_positive
+from elastid.robot.presliding import LuGre, MaxwellSlip, require_not_negative, require_positive
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
 # the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
@@ -154,12 +154,10 @@ class Friction:
         "speed.")] = 0.0
     exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a long gentle fall, as 1.36 of "
         "one measured gear; published ones lie between 0.5 and 2.")] = 2.0
-    dahl: Annotated[Dahl | None, Key("Presliding by Dahl's law. At most one law is given; without one the torque is "
-        "sgn(v) g(v) (Tustin's law), smoothed at standstill.", "for one number of presliding without a Stribeck "
-        "effect; the quickest to simulate.")] = None
-    lugre: Annotated[LuGre | None, Key("Presliding by the LuGre law. At most one law is given; without one the torque "
-        "is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "for control and for observers that need one state; "
-        "it drifts under vibration below break-away.")] = None
+    lugre: Annotated[LuGre | None, Key("Presliding by the LuGre law; without stiction and damping it is Dahl's. At "
+        "most one law is given; without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "for "
+        "control and for observers that need one state; it drifts under vibration below break-away. Of its stiffness "
+        "alone it is the quickest to simulate.")] = None
     maxwell_slip: Annotated[MaxwellSlip | None, Key("Presliding by generalised Maxwell slip. At most one law is given; "
         "without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "where hysteresis with inner "
         "loops matters, such as fine positioning; several states, slower.")] = None
@@ -197,10 +195,8 @@ class Friction:
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
             raise ValueError("friction: stiction needs stribeck_velocity (nu_s), over which it falls to coulomb")
-        if sum(kind is not None for kind in (self.dahl, self.lugre, self.maxwell_slip)) > 1:
-            raise ValueError("friction: give at most one of dahl, lugre and maxwell_slip")
-        if self.dahl is not None and (self.break_away > self.coulomb or self.has_variable_stiction):
-            raise ValueError("friction: dahl has no Stribeck effect; leave stiction out, or take lugre")
+        if self.lugre is not None and self.maxwell_slip is not None:
+            raise ValueError("friction: give at most one of lugre and maxwell_slip")
 
     @property
     def break_away(self) -> float:

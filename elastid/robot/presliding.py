@@ -9,26 +9,12 @@ from elastid.base.units import Damping, InUnit, JointVelocity, Stiffness
 
 
 @section
-class Dahl:
-    """Bristles that break at the Coulomb level; no Stribeck effect."""
-
-    # fmt: off
-    stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "coulomb over the angle in which "
-        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor.")]
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        """Refuse bristles that push."""
-        require_positive("dahl: stiffness (sigma_0)", self.stiffness)
-
-
-@section
 class LuGre:
     """Bristles under a Stribeck curve."""
 
     # fmt: off
-    stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "level over the bend before sliding; "
-        "larger asks for more substeps.")]
+    stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "coulomb over the angle in which "
+        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor; larger asks for more substeps.")]
     damping: Annotated[Damping, Key("Damping sigma_1 of the bristles.", "about the root of stiffness times inertia, so "
         "that sticking does not ring; too large a one is not passive.")] = 0.0
     damping_velocity: Annotated[JointVelocity | None, Key("Velocity v_d with which the bristles' damping falls, "
