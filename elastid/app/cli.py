@@ -267,9 +267,9 @@ def explain(key: str | None) -> None:
 
     The list has the sections of a study, in its order.
     """
-    from elastid.study import explanation
+    from elastid.study import reference
 
-    click.echo(explanation.overview() if key is None else explanation.explain(key))
+    click.echo(reference.overview() if key is None else reference.explain(key))
 
 
 @cli.command()

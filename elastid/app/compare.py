@@ -42,7 +42,7 @@ def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
     """compare.json, and the report again where there is one.
 
     others: further studies, whose robots, formulations and parameters are fitted to the responses of `run`, under its
-    weights, masks and criterion.  StudyError where there are no current responses, or but one model.
+    weights and criterion.  StudyError where there are no current responses, or but one model.
     """
     run.require("fit")  # reads what a comparison reads
     with run.logged():
@@ -164,7 +164,6 @@ def _weighed_as(own: Study, other: Study) -> FitSpec:
         other.fit,
         criterion=counted.criterion,
         weights=counted.weights,
-        mask=counted.mask,
         band_hz=counted.band_hz,
         seed=counted.seed,
     )

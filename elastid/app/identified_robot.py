@@ -10,7 +10,7 @@ from elastid.report.friction_rows import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
-from elastid.study.robot_text import robot_text
+from elastid.study.robots import robot_text
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult

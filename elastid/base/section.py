@@ -1,6 +1,6 @@
-"""`@section`: a frozen dataclass that can be read from a study, unknown keys refused.
+"""`@section`, a frozen dataclass that can be read from a study, unknown keys refused, and `Key`, the text of a field.
 
-Each section of a study lives beside the code that uses it and knows no YAML; `study` only gathers them.
+Each section of a study lives in the room that uses it and knows no YAML; `study` only gathers them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,17 @@ T = TypeVar("T")
 
 # Read by pydantic when `study` validates the class, plain data otherwise. A name such as 1 needs no quotes.
 _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": False}
+
+
+@dataclass(frozen=True)
+class Key:
+    """Text of a key of a study, in the annotation of its field: `Annotated[Time, Key("Period of ...", "longer ...")]`.
+
+    text: the meaning; its first sentence needs no context.  advice: when to change the key, and the effect of it.
+    """
+
+    text: str
+    advice: str
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))

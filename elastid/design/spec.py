@@ -5,29 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Length, Time
 from elastid.robot import Vector3
 
 
 @section
 class BoxSpec:
-    """A box that the robot must stay out of, its edges along the axes of the base frame.
+    """A box that the robot must stay out of, its edges along the axes of the base frame."""
 
-    name: of the box, for messages. -- as people in the cell call it, since messages say what a posture would hit.
-    lower: its corner of smallest coordinates. -- measure it in the robot's base frame, and round outwards.
-    upper: the opposite corner. -- each of the three must exceed that of lower; a fence is a thin box.
-    """
-
-    name: str
-    lower: Vector3
-    upper: Vector3
+    # fmt: off
+    name: Annotated[str, Key("Name of the box, for messages.", "as people in the cell call it, since messages say what "
+        "a posture would hit.")]
+    lower: Annotated[Vector3, Key("Corner of smallest coordinates.", "measure it in the robot's base frame, and round "
+        "outwards.")]
+    upper: Annotated[Vector3, Key("Opposite corner, of largest coordinates.", "each of the three must exceed that of "
+        "lower; a fence is a thin box.")]
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse an empty box."""
@@ -37,40 +37,36 @@ class BoxSpec:
 
 @section
 class CandidateSpec:
-    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name.
+    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name."""
 
-    random: how many to draw, uniformly within the joints' limits. -- 1000 for six axes, at the cost of time in
-    proportion; beyond that the criterion gains little.
-    grid: points per driven joint, one number for all or one for each, from limit to limit. -- 3 to 5 for two or three
-    axes; six axes need 3^6 = 729 postures, and drawn ones cover them better.
-    given: name to angles. A joint that turns without limits does so within +-180 deg, one that slides must have them; a
-    simulated carrier keeps its swing within the limits. -- postures that are known to be free and reachable, as taught
-    points; nothing else is then chosen from.
-    margin: further distance that drawn and grid candidates keep from the limits, room for the multisine; in m where a
-    joint slides. -- the amplitude of multisine and carrier at the lowest line and some more; 0.05 rad is 3 deg.
-
-    singular: refused where the tool's Jacobian (of the frame `tool`, else of the last body's centre of mass) has an
-    inverse condition number below this; 0 for none. -- larger keeps away from postures near which small errors of
-    angles make large errors at the tool; 0 where only the joints matter.
-    floor: height in the base frame, along gravity, that nothing may reach. -- the height of the table, minus what hangs
-    below the joints; without it nothing stops an elbow below the floor.
-    boxes: to stay out of. -- tables, fences and the neighbouring robot; paths between postures are not checked.
-    points: further points of bodies (body name to points in its axes) that count, beside joints, centres of mass and
-    frames, and the straight lines between them. -- corners of tools and elbows that stick out of the line between
-    joints.
-    clearance: distance that these keep from floor and boxes. -- half the width of the arm, and the swing of the
-    excitation; points and lines have no width of their own.
-    """
-
-    random: int | None = None
-    grid: int | tuple[int, ...] | None = None
-    given: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
-    margin: JointPosition = 0.05
-    singular: float = 0.02
-    floor: Length | None = None
-    boxes: tuple[BoxSpec, ...] = ()
-    points: dict[str, tuple[Vector3, ...]] = field(default_factory=dict)
-    clearance: Length = 0.0
+    # fmt: off
+    random: Annotated[int | None, Key("Number of candidates that are drawn, uniformly within the joints' limits.",
+        "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.")] = None
+    grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
+        "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
+        "cover them better.")] = None
+    given: Annotated[dict[str, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that turns "
+        "without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its swing "
+        "within the limits.", "postures that are known to be free and reachable, as taught points; nothing else is "
+        "then chosen from.")] = field(default_factory=dict)
+    margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
+        "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
+        "and some more; 0.05 rad is 3 deg.")] = 0.05
+    singular: Annotated[float, Key("Limit of singular postures: refused where the tool's Jacobian (of the frame "
+        "`tool`, else of the last body's centre of mass) has an inverse condition number below this; 0 for none.",
+        "larger keeps away from postures near which small errors of angles make large errors at the tool; 0 where only "
+        "the joints matter.")] = 0.02
+    floor: Annotated[Length | None, Key("Height of the floor in the base frame, along gravity, that nothing may reach.",
+        "the height of the table, minus the reach of parts below the joints; without it nothing stops an elbow below "
+        "the floor.")] = None
+    boxes: Annotated[tuple[BoxSpec, ...], Key("Boxes that the robot must stay out of.", "tables, fences and the "
+        "neighbouring robot; paths between postures are not checked.")] = ()
+    points: Annotated[dict[str, tuple[Vector3, ...]], Key("Further points of bodies (body name to points in its axes) "
+        "that must stay clear, as joints, centres of mass, frames and the straight lines between them do.", "corners "
+        "of tools and elbows that stick out of the line between joints.")] = field(default_factory=dict)
+    clearance: Annotated[Length, Key("Distance that the robot keeps from floor and boxes.", "half the width of the "
+        "arm, and the swing of the excitation; points and lines have no width of their own.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """One source of candidates; sensible numbers."""
@@ -87,19 +83,18 @@ class CandidateSpec:
 
 @section
 class GuessSpec:
-    """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well.
+    """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well."""
 
-    guesses: how many are drawn about the nominal one, log-normal. -- 20 where the worst of them decides; the time of
-    `design` grows with it. 8 know the mean to a third of the spread between guesses.
-    factor: one standard deviation of a guess, as a factor. -- 1.2 after an earlier fit, 2 where the numbers come from a
-    robot of another type. 1.5 is what stiffnesses of catalogues are off by.
-    over: `mean` of the criterion over the guesses, or the `worst` of them. -- `worst` where the measurement cannot be
-    repeated; the mean accepts a bad case for better ones elsewhere.
-    """
-
-    guesses: int = 8
-    factor: float = 1.5
-    over: Literal["mean", "worst"] = "mean"
+    # fmt: off
+    guesses: Annotated[int, Key("Number of guesses that are drawn about the nominal one, log-normal.", "20 where the "
+        "worst of them decides; the time of `design` grows with it. 8 know the mean to a third of the spread between "
+        "guesses.")] = 8
+    factor: Annotated[float, Key("One standard deviation of a guess, as a factor.", "1.2 after an earlier fit, 2 where "
+        "the numbers come from a robot of another type. 1.5 is what stiffnesses of catalogues are off by.")] = 1.5
+    over: Annotated[Literal["mean", "worst"], Key("Summary over the guesses: `mean` of the criterion, or the `worst` "
+        "of them.", "`worst` where the measurement cannot be repeated; the mean accepts a bad case for better ones "
+        "elsewhere.")] = "mean"
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse an empty sample."""
@@ -109,21 +104,19 @@ class GuessSpec:
 
 @section
 class LevelSpec:
-    """The disturbances of the responses; without it the noise of the simulated rig.
+    """The disturbances of the responses; without it the noise of the simulated rig."""
 
-    distortion: nonlinear distortion (friction above all) that comes on top, as the standard deviation of G relative to
-    |G| in one realisation. -- 0.03 to 0.1 from the report of an earlier measurement; without it many realisations seem
-    as good as many periods.
-    absolute: standard deviation of G in one realisation, in its unit, in place of the rig's. -- for a sensor whose
-    noise is flat in the response's own unit, when no noise of the rig is stated.
-    frf: the frf.h5 (or its run folder) of an earlier measurement with the same excitation, periods and realisations,
-    whose variances are expected again in place of the rig's noise. -- the most truthful, where the robot has been
-    measured once with the same excitation.
-    """
-
-    distortion: float = 0.0
-    absolute: float | None = None
-    frf: str = ""
+    # fmt: off
+    distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that comes on top, as the standard "
+        "deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the report of an earlier measurement; "
+        "without it many realisations seem as good as many periods.")] = 0.0
+    absolute: Annotated[float | None, Key("Standard deviation of G in one realisation, in its unit, in place of the "
+        "rig's.", "for a sensor whose noise is flat in the response's own unit, when no noise of the rig is "
+        "stated.")] = None
+    frf: Annotated[str, Key("Earlier measurement, its frf.h5 or run folder, with the same excitation, periods and "
+        "realisations, whose variances are expected again in place of the rig's noise.", "the most truthful, where the "
+        "robot has been measured once with the same excitation.")] = ""
+    # fmt: on
 
     def __post_init__(self) -> None:
         """One source of the level."""
@@ -135,41 +128,38 @@ class LevelSpec:
 
 @section
 class DesignSpec:
-    """Chooses configurations beside those of experiment.configurations, for the smallest intervals of the parameters.
-
-    count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice the
-    realisations. -- more where `elastid design` predicts intervals that are too wide; standard deviations fall with the
-    root of the number.
-    robot_time: in place of count, as many as fit in. -- where time is what is limited: an hour on the line; moving
-    between postures is not counted.
-    periods: numbers of periods to choose from for a robot_time (default: experiment.periods). -- give [2, 4, 8] to let
-    short and long measurements compete: long ones pay where noise limits, many short ones where friction does.
-    candidates: configurations to choose from. -- more, or given ones, where the robot stands in a cell; the choice is
-    only as good as what it may choose from.
-
-    criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors;
-    E where no combination may stay badly known. -- E where no combination may stay badly known, A where each interval
-    counts by itself; D does not depend on how the parameters are scaled or combined, and so is the default.
-    parameters: names or patterns such as k_* that count (default: all that the fit identifies). -- `k_*` where dampings
-    and friction do not matter; the others are still unknowns, and cost what they cost.
-    robust: against wrong nominal parameters (default: not). -- give {} where the robot's numbers may be wrong by half
-    or more; choosing takes as many times longer as there are guesses.
-    noise: expected in the responses. -- for a real robot, whose distortion by friction outweighs sensor noise; without
-    it predicted intervals are those of the simulated rig.
-    measured: run folders or frf.h5 files of earlier measurements; the choice adds to their information about the
-    parameters that their fit found. -- for a robot that is measured once more: postures then go to what the first
-    session left uncertain.
+    """Choice of configurations in addition to those of experiment.configurations, for the smallest intervals of the
+    parameters.
     """
 
-    count: int | None = None
-    robot_time: Time | None = None
-    periods: tuple[int, ...] = ()
-    candidates: CandidateSpec = CandidateSpec()
-    criterion: Literal["D", "A", "E"] = "D"
-    parameters: tuple[str, ...] = ()
-    robust: GuessSpec | None = None
-    noise: LevelSpec = LevelSpec()
-    measured: tuple[str, ...] = ()
+    # fmt: off
+    count: Annotated[int | None, Key("Number of configurations to choose, each measured experiment.realisations times; "
+        "a configuration chosen twice gets twice the realisations.", "more where `elastid design` predicts intervals "
+        "that are too wide; standard deviations fall with the root of the number.")] = None
+    robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
+        "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None
+    periods: Annotated[tuple[int, ...], Key("Numbers of periods to choose from for a robot_time (default: "
+        "experiment.periods).", "give [2, 4, 8] to let short and long measurements compete: long ones pay where noise "
+        "limits, many short ones where friction does.")] = ()
+    candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
+        "stands in a cell; the choice is only as good as what it may choose from.")] = CandidateSpec()
+    criterion: Annotated[Literal["D", "A", "E"], Key("Criterion of optimality: D (volume of the confidence ellipsoid), "
+        "A (mean variance) or E (worst direction) of the relative errors; E where no combination may stay badly known.",
+        "E where no combination may stay badly known, A where each interval counts by itself; D does not depend on how "
+        "the parameters are scaled or combined, and so is the default.")] = "D"
+    parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
+        "all that the fit identifies).", "`k_*` where dampings and friction do not matter; the others are still "
+        "unknowns, and cost what they cost.")] = ()
+    robust: Annotated[GuessSpec | None, Key("Robustness against wrong nominal parameters (default: none).", "give {} "
+        "where the robot's numbers may be wrong by half or more; choosing takes as many times longer as there are "
+        "guesses.")] = None
+    noise: Annotated[LevelSpec, Key("Noise expected in the responses.", "for a real robot, whose distortion by "
+        "friction outweighs sensor noise; without it predicted intervals are those of the simulated "
+        "rig.")] = LevelSpec()
+    measured: Annotated[tuple[str, ...], Key("Earlier measurements, run folders or frf.h5 files; the choice adds to "
+        "their information about the parameters that their fit found.", "for a robot that is measured once more: "
+        "postures then go to what the first session left uncertain.")] = ()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """A number of experiments, one way or the other."""

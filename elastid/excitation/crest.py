@@ -18,14 +18,12 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.phases import random_phases, schroeder
-from elastid.excitation.spec import Effort
 
 # p, samples per cycle of the highest line, iterations at most.
 _EARLY = ((4, 4, 60), (8, 4, 60), (16, 4, 60), (32, 8, 60), (64, 8, 60))
 _LATE = ((128, 12, 60), (512, 16, 100), (2048, 20, 100), (8192, 32, 100))
-_LONG = ((128, 16, 200), (256, 16, 200), (512, 24, 300), (1024, 24, 300), (8192, 32, 600))
-# Starts, how many of the best are carried to the end, and its steps; the ends of sets differ less, half are enough.
-_EFFORT = {"normal": (4, 1, _LATE), "high": (16, 6, _LONG)}
+# Starts, of which the best is carried to the end; the ends of sets differ less, half are enough.
+_STARTS = 4
 # Samples per cycle of the highest line at which a peak is missed by 0.5 % at most.
 _PEAK_SAMPLES = 32
 _MIN_SIGNAL = 1e-30
@@ -49,27 +47,23 @@ class Signals:
         return U, np.einsum("foi,efi->eof", self.response, U) / self.scale[:, None]
 
 
-def minimise_peaks(
-    signals: Signals, rng: np.random.Generator, effort: Effort = "normal", is_alone: bool = True
-) -> tuple[FloatArray, FloatArray]:
+def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = True) -> tuple[FloatArray, FloatArray]:
     """Phases a (F, n_u) of the inputs and b (F, E) of the experiments with small peaks of every signal.
 
     is_alone: the first start is Schroeder's for every input, and often the best. Realisations must differ, or they
     would all show the same distortion: every start is drawn, and another generator gives another optimum.
     """
     E, F, n_u = signals.base.shape
-    starts, kept, late = _EFFORT[effort]
     candidates = []
-    for start in range(starts if E == 1 else starts // 2):
+    for start in range(_STARTS if E == 1 else _STARTS // 2):
         inside = random_phases((F, n_u), rng)
         if is_alone and start == 0:
             power = np.sqrt(np.mean(np.abs(signals.base) ** 2, axis=0))
             inside = np.stack([schroeder(column) for column in power.T], axis=1)
         phases = _continued(signals, np.concatenate([inside.ravel(), np.zeros(F * E)]), _EARLY)
         candidates.append((_peak(signals, phases), start, phases))
-    best = sorted(candidates, key=lambda candidate: candidate[:2])[:kept]
-    ends = [_continued(signals, phases, late) for _, _, phases in best]
-    phases = min(ends, key=lambda end: _peak(signals, end))
+    *_, best = min(candidates, key=lambda candidate: candidate[:2])
+    phases = _continued(signals, best, _LATE)
     return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
 
 

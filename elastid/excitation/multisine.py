@@ -19,7 +19,7 @@ from elastid.excitation.phases import (
     schroeder,
     with_phases,
 )
-from elastid.excitation.spec import Effort, Phases
+from elastid.excitation.spec import Phases
 from elastid.excitation.sweeps import sweep_spectrum
 
 
@@ -51,7 +51,6 @@ def experiments(
     amplitude: FloatArray,
     rng: np.random.Generator,
     responses: ComplexArray,
-    effort: Effort = "normal",
     is_alone: bool = True,
 ) -> ComplexArray:
     """U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
@@ -67,7 +66,7 @@ def experiments(
         base = with_phases(basis, amplitude, between, between)
         outputs = np.einsum("foi,efi->eof", responses, base)
         scale = np.sqrt(np.mean(np.sum(np.abs(outputs) ** 2, axis=2), axis=0) / 2)
-        inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, effort, is_alone)
+        inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, is_alone)
     elif phases == "random":
         inside, between = random_phases((2, F, n_u), rng)
     elif phases == "schroeder":

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointTorque, Time
 from elastid.excitation.grids import Grid
 from elastid.excitation.phases import Orthogonal
@@ -16,7 +16,6 @@ MIN_POWER_SHARE = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
 AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
-Effort: TypeAlias = Literal["normal", "high"]
 
 _NEW_IN_EVERY_REALISATION = ("random", "optimised")
 _SWEEPS = ("linear-sweep", "log-sweep", "prbs")
@@ -24,81 +23,69 @@ _SWEEPS = ("linear-sweep", "log-sweep", "prbs")
 
 @section
 class MultisineSpec:
-    """Orthogonal multisines, in torque, at every motor: n_u experiments make a realisation.
+    """Orthogonal multisines, in torque, at every motor: n_u experiments make a realisation."""
 
-    rate_hz: sampling rate of the controller and the log. -- that of the robot controller; band_hz must stay below half
-    of it, better below a fifth, where the torque that the drive holds still follows the multisine.
-    period: of the multisine; the lines are 1/period apart. -- longer for finer lines: a resonance of f0 and damping
-    ratio zeta is 2 zeta f0 wide and needs four lines or more in it. 10 s are usual; time grows with it.
-    band_hz: lowest and highest excited frequency. -- from a fifth of the first antiresonance to twice the highest mode
-    that the model has; wider bands spread the same torque over more lines.
-
-    grid: `full` (every line), `odd` (odd multiples of 1/period: even nonlinearities then fall between the lines),
-    `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd nonlinearities show there), `quasi-log` and
-    `odd-quasi-log` (each about `ratio` times the last), or `lines`. `full` gives the most lines, where nonlinearity is
-    small. -- `odd` is the default since gear friction and backlash then show as distortion beside the response; `full`
-    where nonlinearity is small gives the most lines, quasi-logarithmic ones where the band spans more than two decades.
-    group: of the grid odd-random: of so many consecutive odd lines one is left out at random. -- smaller where more
-    lines should show odd distortion, at the price of lines that carry the response; 3 to 5 are usual. 4 leaves three
-    quarters of the odd lines.
-    ratio: of neighbouring lines of a quasi-logarithmic grid. -- larger for fewer lines with more power each; above 1.1
-    a lightly damped resonance falls between two lines. 1.05 gives 47 lines a decade, and each resonance with a damping
-    ratio of 0.025 or more a line within its width.
-    lines: multiples of 1/period, of the grid `lines`. -- for a choice of your own, such as lines that avoid the mains
-    or a harmonic of the gear.
-
-    torque_rms: link-side, one number for all motors or one for each, in N where a joint slides, lowered where a limit
-    of the robot is in the way; or `limits`: as much as each motor may have. -- more raises the ratio to noise and to
-    dry friction alike, until a limit or a nonlinear spring is in the way; `limits` takes the most that position,
-    velocity, acceleration and torque allow.
-    margin: part of every limit that stays free. -- more where the robot's file is rough, since the nominal model
-    predicts the movement; 0 uses all of each limit. 0.1 covers errors of the masses of ten percent.
-    flat: the quantity that has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`,
-    the motor's `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), the
-    `precision` of its response under the noise of the simulated rig, or the `information` that a little more power
-    would bring about the parameters of the fit: then no other spectrum of the same torques gives more about them (by
-    the criterion of `design`; each configuration has its own). -- `torque` needs no model and is the default;
-    `acceleration` or `precision` move power from the resonances to where the response is weak; `information` where the
-    parameters are nearly known, for the smallest intervals.
-    least: of flat: information, the part of a flat torque's power that every line keeps. -- more where the nominal
-    numbers are rough, so that a mode elsewhere than expected is still excited; less gains some percent of standard
-    deviation. 0.1 keeps a third of the amplitude.
-    power: amplitude times frequency to this power. -- positive where high resonances need more, negative where position
-    limits allow and low lines drown in friction; 0 leaves the spectrum as `flat` says.
-    spectrum: relative amplitude as (frequency, amplitude) points, straight lines on log-log axes. -- for a shape of
-    your own, such as a notch at a resonance of the cell; only ratios count, torque_rms sets the level.
-
-    phases: `random`, or `optimised` for low peaks; with realisations: 1 also `schroeder`, `newman`, `linear-sweep`,
-    `log-sweep` or `prbs` (band-limited). -- `optimised` halves the peaks (crest factor about 1.4 to 1.9 in place of
-    3.2) where limits bind; `random` stays the default, since averages over realisations then remove distortion without
-    bias.
-    compress: signals whose peaks optimised phases lower. -- name the signal whose limit binds, velocity or acceleration
-    mostly; several share the effort and each is lowered less.
-    effort: of optimised phases. -- `high` takes ten times as long, for peaks that are some percent lower; worth it for
-    a signal that is used many times.
-    orthogonal: how the experiments of a realisation differ: `dft`, `hadamard` (2, 4, 8 ... motors), or `zippered` (each
-    motor its own lines, exchanged from experiment to experiment). `hadamard` for the same peaks in every experiment. --
-    `hadamard` for the same peaks in every experiment; `zippered` where motors must not share lines, with n_u times
-    fewer lines each.
-    """
-
-    rate_hz: Frequency
-    period: Time
-    band_hz: tuple[Frequency, Frequency]
-    torque_rms: AskedTorque
-    grid: Grid = "odd"
-    group: int = 4
-    ratio: float = 1.05
-    lines: tuple[int, ...] = ()
-    margin: float = 0.1
-    flat: Signal | Literal["precision", "information"] = "torque"
-    least: float = MIN_POWER_SHARE
-    power: float = 0.0
-    spectrum: tuple[tuple[Frequency, float], ...] = ()
-    phases: Phases = "random"
-    orthogonal: Orthogonal = "dft"
-    compress: tuple[Signal, ...] = ("torque",)
-    effort: Effort = "normal"
+    # fmt: off
+    rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the log.", "that of the robot controller; "
+        "band_hz must stay below half of it, better below a fifth, where the torque that the drive holds still follows "
+        "the multisine.")]
+    period: Annotated[Time, Key("Period of the multisine; the lines are 1/period apart.", "longer for finer lines: a "
+        "resonance of f0 and damping ratio zeta is 2 zeta f0 wide and needs four lines or more in it. 10 s are usual; "
+        "time grows with it.")]
+    band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "from a fifth of the "
+        "first antiresonance to twice the highest mode that the model has; wider bands spread the same torque over "
+        "more lines.")]
+    torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side, one number for all motors "
+        "or one for each, in N where a joint slides, lowered where a limit of the robot is in the way; or `limits`: as "
+        "much as each motor may have.", "more raises the ratio to noise and to dry friction, until a limit or a "
+        "nonlinear spring is in the way; `limits` takes the most that position, velocity, acceleration and torque "
+        "allow.")]
+    grid: Annotated[Grid, Key("Grid of the excited lines: `full` (every line), `odd` (odd multiples of 1/period: even "
+        "nonlinearities then fall between the lines), `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd "
+        "nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`. "
+        "`full` gives the most lines, where nonlinearity is small.", "`odd` is the default since gear friction and "
+        "backlash then show as distortion apart from the response; `full` where nonlinearity is small gives the most "
+        "lines, quasi-logarithmic ones where the band spans more than two decades.")] = "odd"
+    group: Annotated[int, Key("Number of consecutive odd lines of which the grid odd-random leaves one out at random.",
+        "smaller where more lines should show odd distortion, at the price of lines that carry the response; 3 to 5 "
+        "are usual. 4 leaves three quarters of the odd lines.")] = 4
+    ratio: Annotated[float, Key("Ratio of neighbouring lines of a quasi-logarithmic grid.", "larger for fewer lines "
+        "with more power each; above 1.1 a lightly damped resonance falls between two lines. 1.05 gives 47 lines a "
+        "decade, and each resonance with a damping ratio of 0.025 or more a line within its width.")] = 1.05
+    lines: Annotated[tuple[int, ...], Key("Excited lines of the grid `lines`, as multiples of 1/period.",
+        "for a choice of your own, such as lines that avoid the mains or a harmonic of the gear.")] = ()
+    margin: Annotated[float, Key("Margin to every limit of the robot, the part of it that stays free.", "more where "
+        "the robot's file is rough, since the nominal model predicts the movement; 0 uses all of each limit. 0.1 "
+        "covers errors of the masses of ten percent.")] = 0.1
+    flat: Annotated[Signal | Literal["precision", "information"], Key("Quantity that has, closed loop and nominal "
+        "robot, the same amplitude at all lines: the injected `torque`, the motor's `position`, `velocity` or "
+        "`acceleration` (less around a resonance, wherever within 10 % it is), the `precision` of its response under "
+        "the noise of the simulated rig, or the `information` that a little more power would bring about the "
+        "parameters of the fit: then no other spectrum of the same torques gives more about them (by the criterion of "
+        "`design`; each configuration has its own).", "`torque` needs no model and is the default; `acceleration` or "
+        "`precision` move power from the resonances to where the response is weak; `information` where the parameters "
+        "are nearly known, for the smallest intervals.")] = "torque"
+    least: Annotated[float, Key("Part of a flat torque's power that every line keeps under flat: information.",
+        "more where the nominal numbers are rough, so that a mode elsewhere than expected is still excited; less gains "
+        "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = MIN_POWER_SHARE
+    power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive where high "
+        "resonances need more, negative where position limits allow and low lines drown in friction; 0 leaves the "
+        "spectrum as `flat` says.")] = 0.0
+    spectrum: Annotated[tuple[tuple[Frequency, float], ...], Key("Relative amplitude as (frequency, amplitude) points, "
+        "straight lines on log-log axes.", "for a shape of your own, such as a notch at a resonance of the cell; only "
+        "ratios count, torque_rms sets the level.")] = ()
+    phases: Annotated[Phases, Key("Phases of the lines: `random`, or `optimised` for low peaks; with realisations: 1 "
+        "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).", "`optimised` halves the "
+        "peaks (crest factor about 1.4 to 1.9 in place of 3.2) where limits bind; `random` stays the default, since "
+        "averages over realisations then remove distortion without bias.")] = "random"
+    orthogonal: Annotated[Orthogonal, Key("Difference between the experiments of a realisation: `dft`, `hadamard` (2, "
+        "4, 8 ... motors), or `zippered` (each motor its own lines, exchanged from experiment to experiment). "
+        "`hadamard` for the same peaks in every experiment.", "`hadamard` for the same peaks in every experiment; "
+        "`zippered` where motors must not share lines, with n_u times fewer lines each.")] = "dft"
+    compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases lower.", "name the signal whose "
+        "limit binds, velocity or acceleration mostly; several share the effort and each is lowered "
+        "less.")] = ("torque",)
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check the band against the rate, the period against the rate, amplitudes against zero."""

@@ -20,7 +20,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise, widening_bands
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise
 from elastid.fit.setup.geometry import check_geometry
 from elastid.fit.setup.identifiability import check_effects, check_scale
 from elastid.fit.setup.parameter_choice import choose
@@ -35,7 +35,7 @@ from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.uncertainty.intervals import add_intervals
-from elastid.fit.weights.weights import check_masks
+from elastid.fit.weights.weights import check_factors
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
@@ -55,7 +55,7 @@ def identify(
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
-    Raises StudyError for parameters, masks or places that do not exist; DataError where no data are left; FitError for
+    Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
     """
@@ -89,7 +89,7 @@ def _search(
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
-    check_masks(responses, spec)
+    check_factors(responses, spec)
     check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
@@ -98,8 +98,7 @@ def _search(
     check_scale(fit, robot)
     first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
     criterion = "log" if first is not fit else spec.criterion
-    bands = (*widening_bands(first, spec.continuation), first)
-    problems = [assembly.search_problem(band, criterion) for band in bands]
+    problems = [assembly.search_problem(first, criterion)]
     problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
@@ -109,7 +108,7 @@ def _search(
 def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
     """DataError where fewer real numbers are left than parameters, or none."""
     if fit.n_residuals == 0:
-        reason = "; ".join(map(str, assembly.notes)) or "band, masks and the factors of fit.weights leave no line"
+        reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError(f"nothing is left to fit: {reason}")
     if fit.problem.dof < 1:
         raise DataError(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency
 
 Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
@@ -19,48 +19,23 @@ def check_band(band_hz: tuple[float, float] | None) -> None:
 
 
 @section
-class MaskSpec:
-    """Leaves out elements that match all of the keys given.
-
-    configurations: by name (default: all). -- name one to leave its elements out and keep those of the others; to judge
-    the model by it, use validation.left_out instead.
-    output: place such as `motor 1` (default: all). -- a sensor that was loose or clipped; elements of the other outputs
-    keep their weight.
-    input: motor, such as `motor 1` (default: all). -- a motor whose torque log is doubtful; its column is left out of
-    the fit.
-    band_hz: [lowest, highest] (default: all lines). -- as narrow as the fault, such as [49, 51] for the mains.
-    """
-
-    configurations: tuple[str, ...] = ()
-    output: str = ""
-    input: str = ""
-    band_hz: tuple[Frequency, Frequency] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a band upside down."""
-        check_band(self.band_hz)
-
-
-@section
 class FactorSpec:
-    """Multiplies the weight of elements that match all of the other keys given; several factors multiply.
+    """Multiplies the weight of elements that match all of the other keys given; several factors multiply."""
 
-    factor: 0 leaves the elements out, as a mask does. -- 0.1 for elements that deserve less trust than their variance
-    says, 10 for those that matter most; the intervals still count the noise as it was measured.
-    configurations: by name (default: all). -- the postures of the robot's daily work, where the model has to be best
-    there.
-    output: place such as `motor 1` (default: all). -- an accelerometer at the tool among encoders, whose many precise
-    lines would decide alone.
-    input: motor, such as `motor 1` (default: all). -- motors whose torque is small beside friction get less.
-    band_hz: [lowest, highest] (default: all lines). -- the control band, where the model will be used there; lower
-    weight below it lets friction spoil less.
-    """
-
-    factor: float
-    configurations: tuple[str, ...] = ()
-    output: str = ""
-    input: str = ""
-    band_hz: tuple[Frequency, Frequency] | None = None
+    # fmt: off
+    factor: Annotated[float, Key("Factor of the weight; 0 leaves the elements out.", "0 for a channel "
+        "or a band that is known to be wrong, such as lines at the mains frequency, with a comment that says why, "
+        "since it hides misfit; 0.1 for elements that deserve less trust than their variance says, 10 for those that "
+        "matter most; the intervals still count the noise as it was measured.")]
+    configurations: Annotated[tuple[str, ...], Key("Names of the configurations (default: all).", "the postures of the "
+        "robot's daily work, where the model has to be best there.")] = ()
+    output: Annotated[str, Key("Place of the output such as `motor 1` (default: all).", "an accelerometer at the tool "
+        "among encoders, whose many precise lines would decide alone.")] = ""
+    input: Annotated[str, Key("Motor of the input, such as `motor 1` (default: all).", "motors whose torque is small "
+        "compared with friction get less.")] = ""
+    band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Lowest and highest frequency (default: all lines).",
+        "the control band, where the model will be used there; lower weight below it lets friction spoil less.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a negative factor and a band upside down."""
@@ -70,9 +45,9 @@ class FactorSpec:
 
 
 def misnamed(
-    spec: MaskSpec | FactorSpec, known: Mapping[str, Collection[str]]
+    spec: FactorSpec, known: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """The names that a mask or factor has wrong: key path, noun, name.  known: by the key, those that exist.
+    """The names that a factor has wrong: key path, noun, name.  known: by the key, those that exist.
 
     Outputs that nobody knows yet are not checked.
     """
@@ -86,39 +61,32 @@ def misnamed(
 
 @section
 class WeightSpec:
-    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
+    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors."""
 
-    floor: expected model error relative to |G|, which the intervals then include. -- about 0.03 where friction is
-    strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then decide. 0.01 is the error that
-    sensors and a good linear model commonly leave.
-    smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
-    freedom. -- fewer where the noise has narrow peaks; more where the weights of neighbouring lines scatter. 0 averages
-    until 24 degrees of freedom lie behind each, which costs 2 % of standard deviation.
-    covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
-    `auto` with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of
-    torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains. --
-    `diagonal` where correlations come from so few realisations that they are not believed, or to compare with older
-    fits; parameters scatter more where outputs share their noise.
-    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are. -- true
-    where one of them must not decide alone, such as a posture measured ten times as long; the parameters then no longer
-    have the least variance.
-    factors: further factors of some elements. -- where one deserves less trust than its variance says; 0.1 to 10, and a
-    mask for none at all.
-    loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares:
-    for single lines that are wrong by factors. -- for single lines that are wrong by factors; good data lose a little
-    of their precision. Whole bands or channels that are wrong need a mask.
-    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier. -- lower, about
-    1.3, where many lines are wrong; higher comes back to the square. At 2 all but 5 % of good data count with their
-    square.
-    """
-
-    floor: float = 0.01
-    smooth: int = 0
-    covariance: Literal["auto", "diagonal", "full"] = "auto"
-    normalise: bool = False
-    factors: tuple[FactorSpec, ...] = ()
-    loss: Loss = "square"
-    loss_scale: float = 2.0
+    # fmt: off
+    floor: Annotated[float, Key("Expected model error relative to |G|, which the intervals then include.", "about 0.03 "
+        "where friction is strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then "
+        "decide. 0.01 is the error that sensors and a good linear model commonly leave.")] = 0.01
+    smooth: Annotated[int, Key("Number of lines over which a variance from few periods or realisations is averaged; 0 "
+        "chooses it from the degrees of freedom.", "fewer where the noise has narrow peaks; more where the weights of "
+        "neighbouring lines scatter. 0 averages until 24 degrees of freedom lie behind each, which costs 2 % of "
+        "standard deviation.")] = 0
+    covariance: Annotated[Literal["auto", "diagonal", "full"], Key("Correlations in the weights: `full` weighs with "
+        "the inverse covariance of all elements together, `diagonal` element by element, `auto` with the full one "
+        "where the measurement gave correlations. All are smoothed: noise of the outputs, and of torques that pass "
+        "through the robot, by levels common to all lines, and neighbouring lines for what remains.", "`diagonal` "
+        "where correlations come from so few realisations that they are not believed, or to compare with older fits; "
+        "parameters scatter more where outputs share their noise.")] = "auto"
+    factors: Annotated[tuple[FactorSpec, ...], Key("Further factors of the weights of some elements.", "where one "
+        "deserves less trust than its variance says; 0.1 to 10, and 0 for none at all.")] = ()
+    loss: Annotated[Loss, Key("Loss of a residual: `huber` and `soft_l1` give outliers less influence than their "
+        "square, in iteratively reweighted least squares: for single lines that are wrong by factors.", "for single "
+        "lines that are wrong by factors; good data lose a little of their precision. Whole bands or channels that are "
+        "wrong need a factor of 0.")] = "square"
+    loss_scale: Annotated[float, Key("Standard deviations of real and imaginary part beyond which an element is an "
+        "outlier.", "lower, about 1.3, where many lines are wrong; higher comes back to the square. At 2 all but 5 % "
+        "of good data count with their square.")] = 2.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse negative settings."""

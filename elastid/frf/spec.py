@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Time
 from elastid.record import Motion
 
@@ -35,67 +35,63 @@ _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 @section
 class EstimatorSpec:
-    """How records become frequency responses.
-
-    method: `arithmetic`, `harmonic` or `logarithmic` mean of the realisations' responses, each from as many experiments
-    as inputs; or of all experiments together `h1`, `h2`, `hv`, `joint` (input-output, by the injected torque) or
-    `errors_in_variables`; or `local_polynomial` or `local_rational` (where windows are wider than resonances), from one
-    experiment of all inputs or more, started from rest or not; `auto` takes the one that suits closed-loop robot data
-    and says why. -- `arithmetic` has the least bias in closed loop where realisations can be averaged; a `local` method
-    for one experiment of all inputs, `errors_in_variables` where input noise is as large as output noise, h1 only where
-    the input is known exactly, and `auto` where you would rather be told.
-    quantity: that the outputs are turned into, exactly, in the frequency domain. -- `position` or `velocity` for tools
-    that read it; the fit is the same, since the factor (j omega)^n cancels in the weights.
-    lines: which DFT lines are analysed: those planned (`auto`; for recorded data those found `excited` in the inputs),
-    or `full` or `odd`. -- `full` shows what lies on lines that were not excited; `odd` where the grid of logs is known
-    and the finder takes noise for lines.
-    band_hz: within which lines are analysed (default: all). -- narrower where what lies beyond only takes time and
-    memory; the fit has a band of its own, which needs no new estimate.
-    transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; a number where
-    more must go. None with a local method. -- a number where more must go than `auto` finds, as with slow thermal
-    drift; 0 keeps all periods of a log that begins in steady state. No effect with a local method, which estimates the
-    transient.
-    outlier_sigma: a period further from the median than so many robust standard deviations is left out with a note, but
-    for local methods. -- lower, about 4, where blows or dropouts spoil periods; higher keeps all. At 6 a good period is
-    practically never left out; transient_periods: auto judges by it too.
-    friction: of the motors, which the records themselves show, is taken out of the torque before the responses are
-    estimated: Coulomb's level alone (`coulomb`), with bristles that bend before they slide (`curve`), or this only
-    where it makes realisations agree better (`auto`). -- `none` for the response as it is, friction included, such as
-    for a controller's design; `curve` where encoders resolve the bristles; `auto` takes nothing out unless realisations
-    agree better.
-    local_order: degree of the local polynomials; `auto` is 2, rational up to 3. -- higher where a window is wider than
-    a resonance; each degree costs n_u lines of window, which widens it again.
-    local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6. -- more lowers
-    the variance and widens the window, with bias at sharp resonances; lower only where lines are scarce.
+    """Estimation of frequency responses from records.
 
     Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
     `full`.
-    window: of each segment in Welch's method. -- `boxcar` where signals die out within a segment, as after a hammer;
-    `flattop` only for the height of single lines, `hann` loses least for noise.
-    overlap: of neighbouring segments, as a part of their length. -- 0.5 uses all samples alike under `hann`; 0.67 to
-    0.75 lowers the variance a little for windows that are narrower in time, and takes longer.
-    segment: length in Welch's method, whose lines are 1/segment apart; `auto`: the longest power of two in samples that
-    leaves 16 segments, and 8 for each input, and holds a million numbers at most in all channels together, for memory.
-    -- longer for sharp resonances (1/segment below a quarter of their width), shorter for lower variance; the product
-    of both is bound by the length of the record.
-    resolution_hz: distance of the lines of a local method, whose windows are as wide at least, for records without a
-    period; default: each line of their DFT. -- larger for a faster fit with fewer lines; it must stay below a quarter
-    of the narrowest resonance.
     """
 
-    method: Method = "arithmetic"
-    quantity: Motion = "acceleration"
-    lines: Literal["auto", "excited", "full", "odd"] = "auto"
-    band_hz: tuple[Frequency, Frequency] | None = None
-    transient_periods: int | Literal["auto"] = "auto"
-    outlier_sigma: float = 6.0
-    friction: Friction = "auto"
-    local_order: int | Literal["auto"] = "auto"
-    local_margin: int = 2
-    window: Window = "hann"
-    overlap: float = 0.5
-    segment: Time | Literal["auto"] = "auto"
-    resolution_hz: Frequency | None = None
+    # fmt: off
+    method: Annotated[Method, Key("Method of estimation: `arithmetic`, `harmonic` or `logarithmic` mean of the "
+        "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
+        "`hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
+        "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
+        "started from rest or not; `auto` takes the one that suits closed-loop robot data and says why.",
+        "`arithmetic` has the least bias in closed loop where realisations can be averaged; a `local` method for one "
+        "experiment of all inputs, `errors_in_variables` where input noise is as large as output noise, h1 only where "
+        "the input is known exactly, and `auto` where you would rather leave the choice to the "
+        "program.")] = "arithmetic"
+    quantity: Annotated[Motion, Key("Quantity of the responses, into which the outputs are turned exactly, in the "
+        "frequency domain.", "`position` or `velocity` for tools that read it; the fit is the same, since the factor "
+        "(j omega)^n cancels in the weights.")] = "acceleration"
+    lines: Annotated[Literal["auto", "excited", "full", "odd"], Key("DFT lines that are analysed: those planned "
+        "(`auto`; for recorded data those found `excited` in the inputs), or `full` or `odd`.", "`full` shows what "
+        "lies on lines that were not excited; `odd` where the grid of logs is known and the finder takes noise for "
+        "lines.")] = "auto"
+    band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band within which lines are analysed (default: all).",
+        "narrower where what lies beyond only takes time and memory; the fit has a band of its own, which needs no new "
+        "estimate.")] = None
+    transient_periods: Annotated[int | Literal["auto"], Key("Periods left out at the start of a record, or `auto`: "
+        "those that differ from the rest; a number where more must go. None with a local method.", "a number where "
+        "more must go than `auto` finds, as with slow thermal drift; 0 keeps all periods of a log that begins in "
+        "steady state. No effect with a local method, which estimates the transient.")] = "auto"
+    outlier_sigma: Annotated[float, Key("Threshold of outliers: a period further from the median than so many robust "
+        "standard deviations is left out with a note, but for local methods.", "lower, about 4, where blows or "
+        "dropouts spoil periods; higher keeps all. At 6 a good period is practically never left out; "
+        "transient_periods: auto judges by it too.")] = 6.0
+    friction: Annotated[Friction, Key("Friction of the motors that is taken out of the torque before the responses are "
+        "estimated, as the records themselves show it: Coulomb's level alone (`coulomb`), with bristles that bend "
+        "before they slide (`curve`), or this only where it makes realisations agree better (`auto`).", "`none` for "
+        "the response as it is, friction included, such as for a controller's design; `curve` where encoders resolve "
+        "the bristles; `auto` takes nothing out unless realisations agree better.")] = "auto"
+    local_order: Annotated[int | Literal["auto"], Key("Degree of the local polynomials; `auto` is 2, rational up to 3.",
+        "higher where a window is wider than a resonance; each degree costs n_u lines of window, which widens it "
+        "again.")] = "auto"
+    window: Annotated[Window, Key("Window of each segment in Welch's method.", "`boxcar` where signals die out within "
+        "a segment, as after a hammer; `flattop` only for the height of single lines, `hann` loses least for "
+        "noise.")] = "hann"
+    overlap: Annotated[float, Key("Overlap of neighbouring segments, as a part of their length.", "0.5 uses all "
+        "samples equally under `hann`; 0.67 to 0.75 lowers the variance a little for windows that are narrower in "
+        "time, and takes longer.")] = 0.5
+    segment: Annotated[Time | Literal["auto"], Key("Length of a segment in Welch's method, whose lines are 1/segment "
+        "apart; `auto`: the longest power of two in samples that leaves 16 segments, and 8 for each input, and holds a "
+        "million numbers at most in all channels together, for memory.", "longer for sharp resonances (1/segment below "
+        "a quarter of their width), shorter for lower variance; the product of both is bound by the length of the "
+        "record.")] = "auto"
+    resolution_hz: Annotated[Frequency | None, Key("Distance of the lines of a local method, whose windows are as wide "
+        "at least, for records without a period; default: each line of their DFT.", "larger for a faster fit with "
+        "fewer lines; it must stay below a quarter of the narrowest resonance.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check band, counts and threshold."""
@@ -105,11 +101,8 @@ class EstimatorSpec:
             raise ValueError(f"transient_periods is {self.transient_periods}; it must not be negative")
         if not self.outlier_sigma > 0:
             raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
-        if (self.local_order != "auto" and not 1 <= self.local_order <= 6) or self.local_margin < 0:
-            raise ValueError(
-                f"local_order is {self.local_order}, it must be 1 to 6; local_margin is {self.local_margin}, it must "
-                "not be negative"
-            )
+        if self.local_order != "auto" and not 1 <= self.local_order <= 6:
+            raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
         if not 0 <= self.overlap <= _MAX_OVERLAP:
             raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to {_MAX_OVERLAP:g} of a segment")
         if self.segment != "auto" and not self.segment > 0:

@@ -130,8 +130,6 @@ def _placed(place: str, spec: Friction, ratio: float, slides: bool = False) -> P
 
 
 def _law(spec: Friction, n: float) -> Law:
-    if spec.dahl is not None:
-        return Bristle(n**2 * spec.dahl.stiffness)
     if spec.lugre is not None:
         bristle = spec.lugre
         inverse = 0.0 if bristle.damping_velocity is None else n / bristle.damping_velocity

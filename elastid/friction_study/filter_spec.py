@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import JointTorque, Ratio, Time
 
 # What may be followed: Coulomb friction, viscous friction, of each direction, and the slow error of the torque.
@@ -13,30 +13,28 @@ Followed: TypeAlias = Literal["Fc", "f", "f+", "f-", "offset"]
 
 @section
 class FilterSpec:
-    """A Kalman filter that follows friction over the motions of a joint, from motor angle and torque alone.
+    """A Kalman filter that follows friction over the motions of a joint, from motor angle and torque alone."""
 
-    states: what is followed: Fc (Coulomb friction), f (viscous friction) or f+ and f- (of each direction), offset (slow
-    error of the torque, as of gravity). -- f+ and f- for axes whose slopes differ, without offset where gravity is
-    known well; each more widens all where motion is poor.
-    drift: by how much a number is expected to change within drift_time, relative. -- larger follows faster and scatters
-    more; the report's check of the innovations says which of both it is. 20 % in 20 minutes is a robot that warms up.
-    drift_time: that time. -- the time constant of warming; the filter sees drift over the root of it alone, so that
-    tuning one of the two is enough.
-    correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables need it. -- the time of
-    a motor turn or of a ripple at working speed, where innovations are correlated; 0 would trust such logs too much:
-    intervals come out too narrow.
-    torque_std: of the torque noise of a sample (default: from the innovations of the first minute). -- where the first
-    minute is not typical, as with the robot at rest; larger makes the filter slower and its intervals wider.
-    settle: time that a filter takes before it is judged. -- longer where the start is far from the truth, so that the
-    swing-in does not count against the filter. 10 s hold several motions with reversals.
-    """
-
-    states: tuple[Followed, ...] = ("Fc", "f", "offset")
-    drift: Ratio = 0.2
-    drift_time: Time = 1200.0
-    correlation_time: Time = 0.0
-    torque_std: JointTorque | None = None
-    settle: Time = 10.0
+    # fmt: off
+    states: Annotated[tuple[Followed, ...], Key("States of the filter: Fc (Coulomb friction), f (viscous friction) or "
+        "f+ and f- (of each direction), offset (slow error of the torque, as of gravity).", "f+ and f- for axes whose "
+        "slopes differ, without offset where gravity is known well; each more widens all where motion is "
+        "poor.")] = ("Fc", "f", "offset")
+    drift: Annotated[Ratio, Key("Relative change of a number that is expected within drift_time.", "larger follows "
+        "faster and scatters more; the report's check of the innovations says which of both it is. 20 % in 20 minutes "
+        "is a robot that warms up.")] = 0.2
+    drift_time: Annotated[Time, Key("Time in which the expected change of a number happens.", "the time constant of "
+        "warming; the filter sees drift over the root of it alone, so that tuning one of the two is enough.")] = 1200.0
+    correlation_time: Annotated[Time, Key("Correlation time of the torque noise that is not white, 0 for none; ripple "
+        "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
+        "correlated; 0 would trust such logs too much: intervals come out too narrow.")] = 0.0
+    torque_std: Annotated[JointTorque | None, Key("Standard deviation of the torque noise of a sample (default: from "
+        "the innovations of the first minute).", "where the first minute is not typical, as with the robot at rest; "
+        "larger makes the filter slower and its intervals wider.")] = None
+    settle: Annotated[Time, Key("Time that a filter takes before it is judged.", "longer where the start is far from "
+        "the truth, so that the swing-in does not count against the filter. 10 s hold several motions with "
+        "reversals.")] = 10.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse nothing to follow, a number followed twice, and times that run backwards."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointPosition, JointVelocity, Mass, Ratio, Time
 
 Part: TypeAlias = Literal["auto", "yes", "no"]
@@ -15,38 +15,37 @@ MIN_PASSES = 5
 
 @section
 class LawSpec:
-    """Which parts a friction law has, beside Coulomb and viscous friction.
+    """Parts of a friction law in addition to Coulomb and viscous friction.
 
-    Each part is `no`, `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider than half
-    of itself), or `yes`: without the F test, and an error where the levels cannot tell it.
-    stribeck: stiction that falls to Coulomb friction. -- `no` where no pass is slower than a third of the Stribeck
-    velocity; `yes` where a law without it is of no use, which needs five speeds.
-    exponent: of that fall, 2 unless the levels tell it. -- `no` narrows stiction by a factor of 1.6 to 4, and is right
-    where a control law assumes 2.
-    quadratic: friction that grows with v |v|. -- `auto` for fans, oil baths and fast axes, where friction bends upwards
-    at the top speed; off, since it and viscous friction are strongly correlated.
-    directions: levels and slopes of each direction. -- `no` where a tool holds one number for both; a difference of
-    slopes then turns up as an offset of the torque. It is tested, since real axes have it.
-    load: growth with the load. -- `no` for logs whose loads are guesses; `auto` needs two of them, more than 5 % of the
-    largest apart.
-    temperature: change with temperature. -- `no` for logs of a warm robot whose thermometer drifts; `auto` needs two
-    temperatures, and three far apart for the decay, which else is held at 20 K.
-    presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
-    measured, else LuGre where stiffness and damping at rest were; `lugre` takes at_rest, not loops. -- `lugre` for
-    tools that know no other; Maxwell slip has memory of inner loops, which LuGre misses by 16 % of the break-away
-    torque in one case.
-    elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well). -- 4 for
-    real-time use, at an error of some 4 % of the break-away torque, 6 and more for about 1 %.
+    Each part is `no`, `auto`: where the levels determine it (an F test at 1 %, and none of its numbers wider than half
+    of itself), or `yes`: without the F test, and an error where the levels cannot determine it.
     """
 
-    stribeck: Part = "auto"
-    exponent: Part = "auto"
-    quadratic: Part = "no"
-    directions: Part = "auto"
-    load: Part = "auto"
-    temperature: Part = "auto"
-    presliding: Literal["auto", "lugre", "maxwell_slip", "no"] = "auto"
-    elements: int | None = None
+    # fmt: off
+    stribeck: Annotated[Part, Key("Stribeck effect: stiction that falls to Coulomb friction.", "`no` where no pass is "
+        "slower than a third of the Stribeck velocity; `yes` where a law without it is of no use, which needs five "
+        "speeds.")] = "auto"
+    exponent: Annotated[Part, Key("Exponent of the Stribeck curve, 2 unless the levels determine it.", "`no` narrows "
+        "stiction by a factor of 1.6 to 4, and is right where a control law assumes 2.")] = "auto"
+    quadratic: Annotated[Part, Key("Quadratic friction that grows with v |v|.", "`auto` for fans, oil baths and fast "
+        "axes, where friction bends upwards at the top speed; off, since it and viscous friction are strongly "
+        "correlated.")] = "no"
+    directions: Annotated[Part, Key("Levels and slopes of each direction.", "`no` where a tool holds one number for "
+        "both; a difference of slopes then turns up as an offset of the torque. It is tested, since real axes have "
+        "it.")] = "auto"
+    load: Annotated[Part, Key("Growth of friction with the load.", "`no` for logs whose loads are guesses; `auto` "
+        "needs two of them, more than 5 % of the largest apart.")] = "auto"
+    temperature: Annotated[Part, Key("Change of friction with temperature.", "`no` for logs of a warm robot whose "
+        "thermometer drifts; `auto` needs two temperatures, and three far apart for the decay, which else is held at "
+        "20 K.")] = "auto"
+    presliding: Annotated[Literal["auto", "lugre", "maxwell_slip", "no"], Key("Law of the joint before it slides that "
+        "the robot's file gets; by default Maxwell slip where loops were measured, else LuGre where stiffness and "
+        "damping at rest were; `lugre` takes at_rest, not loops.", "`lugre` for tools that know no other; Maxwell slip "
+        "has memory of inner loops, which LuGre misses by 16 % of the break-away torque in one case.")] = "auto"
+    elements: Annotated[int | None, Key("Number of Maxwell slip elements (default: as few as predict other parts of "
+        "the loops as well).", "4 for real-time use, at an error of some 4 % of the break-away torque, 6 and more for "
+        "about 1 %.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """At least one element."""
@@ -56,31 +55,31 @@ class LawSpec:
 
 @section
 class PassesSpec:
-    """Passes there and back at constant speed, one joint at a time.
+    """Passes there and back at constant speed, one joint at a time."""
 
-    speeds: [lowest, highest], link side (default: what sticks no more, and what fits into the window). -- the lowest
-    decides about stiction: at 0.2 Stribeck velocities stiction above Coulomb is known to 3 %, at 1 only to 48 %; the
-    highest decides about viscous friction. A lower one needs a stiffer controller, or the joint sticks and slips.
-    count: passes of one joint at one load, those at the same speed included. -- more for narrower intervals, which
-    shrink with the root; the five numbers of a Stribeck curve need at least 5, and 12 let the law be tested.
-    spacing: `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`. -- `logarithmic`
-    where the robot's file has no more than a rough guess of friction; `optimal` puts all passes at about five speeds,
-    and shows nothing in between.
-    window: [lower, upper] position of the joint (default: the middle half of its limits). -- wide enough for the
-    highest speed to settle, and free of cell and cables; a slow pass of less than one motor turn cannot average ripple.
-    repeat: how often the whole set is run. -- more where levels scatter from run to run: intervals are widened to that
-    scatter, which after a single run cannot be told from a wrong law. Two show it at the least cost.
-    reference_every: time after which one speed comes back, whose drift is the warm-up. -- shorter where a joint warms
-    up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes are a small part of the 10
-    to 60 that a gear takes to warm.
-    """
-
-    speeds: tuple[JointVelocity, JointVelocity] | None = None
-    count: int = 12
-    spacing: Literal["optimal", "logarithmic"] = "optimal"
-    window: tuple[JointPosition, JointPosition] | None = None
-    repeat: int = 2
-    reference_every: Time = 300.0
+    # fmt: off
+    speeds: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest speed, link side (default: "
+        "the slowest without sticking, and the fastest that fits into the window).", "the lowest decides about "
+        "stiction: at 0.2 Stribeck velocities stiction above Coulomb is known to 3 %, at 1 only to 48 %; the highest "
+        "decides about viscous friction. A lower one needs a stiffer controller, or the joint sticks and "
+        "slips.")] = None
+    count: Annotated[int, Key("Number of passes of one joint at one load, those at the same speed included.",
+        "more for narrower intervals, which shrink with the root; the five numbers of a Stribeck curve need at least "
+        "5, and 12 let the law be tested.")] = 12
+    spacing: Annotated[Literal["optimal", "logarithmic"], Key("Spacing of the speeds: `optimal` for the law's numbers "
+        "(D-optimal over the guesses of the law), or `logarithmic`.", "`logarithmic` where the robot's file has no "
+        "more than a rough guess of friction; `optimal` puts all passes at about five speeds, and shows nothing in "
+        "between.")] = "optimal"
+    window: Annotated[tuple[JointPosition, JointPosition] | None, Key("Position range [lower, upper] of the joint "
+        "(default: the middle half of its limits).", "wide enough for the highest speed to settle, and free of cell "
+        "and cables; a slow pass of less than one motor turn cannot average ripple.")] = None
+    repeat: Annotated[int, Key("Number of runs of the whole set.", "more where levels scatter from run to run: "
+        "intervals are widened to that scatter, which after a single run cannot be distinguished from a wrong law. Two "
+        "show it at the least cost.")] = 2
+    reference_every: Annotated[Time, Key("Time after which one speed is repeated; its drift is the warm-up.", "shorter "
+        "where a joint warms up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes "
+        "are a small part of the 10 to 60 that a gear takes to warm.")] = 300.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse ranges upside down, and fewer passes than numbers."""
@@ -102,18 +101,16 @@ class PassesSpec:
 
 @section
 class LoadSpec:
-    """A load under which all passes are repeated: a posture, a payload, or both.
+    """A load under which all passes are repeated: a posture, a payload, or both."""
 
-    name: of the load; logs name it too. -- short, since every level and figure carries it.
-    configuration: posture in which the other joints are held (default: the first of the experiment). -- postures in
-    which gravity on the joint is small, medium and large give three loads without any weight.
-    payload: a point mass at the robot's last frame, beside the robot's own payload. -- for joints whose gravity the
-    posture hardly changes; the robot must carry it for real.
-    """
-
-    name: str
-    configuration: str | None = None
-    payload: Mass = 0.0
+    # fmt: off
+    name: Annotated[str, Key("Name of the load; logs name it too.", "short, since every level and figure carries it.")]
+    configuration: Annotated[str | None, Key("Posture in which the other joints are held (default: the first of the "
+        "experiment).", "postures in which gravity on the joint is small, medium and large give three loads without "
+        "any weight.")] = None
+    payload: Annotated[Mass, Key("Point mass at the robot's last frame, in addition to the robot's own payload.",
+        "for joints whose gravity the posture hardly changes; the robot must carry it for real.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a payload that lifts."""
@@ -123,19 +120,18 @@ class LoadSpec:
 
 @section
 class PreslidingSpec:
-    """Loops of growing torque that break away only at the end.
+    """Loops of growing torque that break away only at the end."""
 
-    torque: [smallest, largest] amplitude, parts of the break-away torque. -- a smaller first part where the encoder is
-    fine, so that the stiffest elements show; with a last one of 1 or more the joint slides before the end.
-    loops: how many, log spaced. -- more for a finer curve of stiffness over amplitude; 12 cover 0.05 to 0.95 in steps
-    of 31 %.
-    frequency_hz: of a loop, slow enough that inertia does not count. -- lower where the arm's inertia bends the loops;
-    higher saves time and invites creep and noise less. 0.5 Hz is a tenth of the first mode of a large robot.
-    """
-
-    torque: tuple[Ratio, Ratio] = (0.05, 0.95)
-    loops: int = 12
-    frequency_hz: Frequency = 0.5
+    # fmt: off
+    torque: Annotated[tuple[Ratio, Ratio], Key("Smallest and largest amplitude, parts of the break-away torque.",
+        "a smaller first part where the encoder is fine, so that the stiffest elements show; with a last one of 1 or "
+        "more the joint slides before the end.")] = (0.05, 0.95)
+    loops: Annotated[int, Key("Number of loops, log spaced.", "more for a finer curve of stiffness over amplitude; 12 "
+        "cover 0.05 to 0.95 in steps of 31 %.")] = 12
+    frequency_hz: Annotated[Frequency, Key("Frequency of a loop, slow enough that inertia does not count.",
+        "lower where the arm's inertia bends the loops; higher saves time and invites creep and noise less. 0.5 Hz is "
+        "a tenth of the first mode of a large robot.")] = 0.5
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse loops that do not grow."""
@@ -150,17 +146,15 @@ class PreslidingSpec:
 
 @section
 class AtRestSpec:
-    """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles.
+    """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles."""
 
-    torque: amplitudes, parts of the Coulomb torque; two and more extrapolate to none. -- at 0.1 of the Coulomb torque
-    stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the encoder resolves it. Two amplitudes are the least
-    that extrapolate to none.
-    band_hz: [lowest, highest] line. -- upwards until inertia outweighs the bristles, downwards until drift does;
-    damping needs the high lines.
-    """
-
-    torque: tuple[Ratio, ...] = (0.05, 0.1)
-    band_hz: tuple[Frequency, Frequency] = (5.0, 80.0)
+    # fmt: off
+    torque: Annotated[tuple[Ratio, ...], Key("Amplitudes as parts of the Coulomb torque; two and more extrapolate to "
+        "none.", "at 0.1 of the Coulomb torque stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the "
+        "encoder resolves it. Two amplitudes are the least that extrapolate to none.")] = (0.05, 0.1)
+    band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "upwards until "
+        "inertia outweighs the bristles, downwards until drift does; damping needs the high lines.")] = (5.0, 80.0)
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse torques that break away, and an empty band."""
@@ -172,18 +166,16 @@ class AtRestSpec:
 
 @section
 class WarmUpSpec:
-    """The joint moves to and fro until it is warm, and passes in between follow its friction.
+    """The joint moves to and fro until it is warm, and passes in between follow its friction."""
 
-    speed: of the motion. -- the fastest that the axis may keep up: heat grows with friction times speed.
-    time: of the warm-up. -- two to three time constants of the gear, which are 10 to 60 minutes; shorter leaves the
-    final temperature to extrapolation.
-    test_every: time between groups of test passes. -- shorter shows the quick beginning; every group interrupts the
-    heating by its passes.
-    """
-
-    speed: JointVelocity
-    time: Time = 7200.0
-    test_every: Time = 300.0
+    # fmt: off
+    speed: Annotated[JointVelocity, Key("Speed of the motion.", "the fastest that the axis may keep up: heat grows "
+        "with friction times speed.")]
+    time: Annotated[Time, Key("Duration of the warm-up.", "two to three time constants of the gear, which are 10 to 60 "
+        "minutes; shorter leaves the final temperature to extrapolation.")] = 7200.0
+    test_every: Annotated[Time, Key("Time between groups of test passes.", "shorter shows the quick beginning; every "
+        "group interrupts the heating by its passes.")] = 300.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a warm-up without motion or tests."""
@@ -197,34 +189,32 @@ class WarmUpSpec:
 
 @section
 class FrictionSpec:
-    """Friction of one joint after the other: the experiments that find it, and the law.
+    """Friction of one joint after the other: the experiments that find it, and the law."""
 
-    joints: by name or number, the first is 1 (default: every driven joint). -- name a few where an hour is what is
-    available: each joint takes its own passes, one after the other.
-    rate_hz: of the controller and the logs of a design. -- that of the controller; logs that exist state theirs in
-    experiment.recorded. 1 kHz is enough for passes, which are evaluated below 60 Hz.
-    passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion. -- give {} to design
-    them, `detect` for logs of any motion with stretches of constant speed; designed ones know their speeds.
-    loads: under which passes are repeated (default: the robot as it is). -- two tell how levels grow with load, three
-    the Stribeck velocity of it; gravity on the joint must differ between them, so that a vertical axis has none.
-    presliding: loops before the joint slides (default: none). -- give {} for the law of small motions, as for a LuGre
-    or Maxwell slip model in control; levels of sliding need it not.
-    at_rest: small multisine at standstill (default: none). -- give {} where the encoder resolves a tenth of the
-    bristles' bend, commonly 1 to 3 counts; else rely on the loops.
-    warm_up: hours of motion, for friction that falls with temperature (default: none). -- where friction at two in the
-    afternoon is not that of eight in the morning; it takes hours of the robot.
-    law: parts that are looked for. -- switch parts off that later tools cannot hold; `yes` is a demand, and the fit
-    fails with the reason where the levels cannot tell the part.
-    """
-
-    joints: tuple[str, ...] = ()
-    rate_hz: Frequency = 1000.0
-    passes: PassesSpec | Literal["detect"] | None = None
-    loads: tuple[LoadSpec, ...] = ()
-    presliding: PreslidingSpec | None = None
-    at_rest: AtRestSpec | None = None
-    warm_up: WarmUpSpec | None = None
-    law: LawSpec = LawSpec()
+    # fmt: off
+    joints: Annotated[tuple[str, ...], Key("Joints by name or number, the first is 1 (default: every driven joint).",
+        "name a few where an hour is what is available: each joint takes its own passes, one after the other.")] = ()
+    rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the logs of a design.", "that of the "
+        "controller; logs that exist state theirs in experiment.recorded. 1 kHz is enough for passes, which are "
+        "evaluated below 60 Hz.")] = 1000.0
+    passes: Annotated[PassesSpec | Literal["detect"] | None, Key("Passes at constant speeds; of logs `detect`, by "
+        "default: plateaus are found in any motion.", "give {} to design them, `detect` for logs of any motion with "
+        "stretches of constant speed; designed ones know their speeds.")] = None
+    loads: Annotated[tuple[LoadSpec, ...], Key("Loads under which passes are repeated (default: the robot as it is).",
+        "two show how levels grow with load, three the Stribeck velocity of it; gravity on the joint must differ "
+        "between them, so that a vertical axis has none.")] = ()
+    presliding: Annotated[PreslidingSpec | None, Key("Loops of growing torque before the joint slides (default: none).",
+        "give {} for the law of small motions, as for a LuGre or Maxwell slip model in control; levels of sliding need "
+        "it not.")] = None
+    at_rest: Annotated[AtRestSpec | None, Key("Small multisine at standstill (default: none).", "give {} where the "
+        "encoder resolves a tenth of the bristles' bend, commonly 1 to 3 counts; else rely on the loops.")] = None
+    warm_up: Annotated[WarmUpSpec | None, Key("Hours of motion, for friction that falls with temperature (default: "
+        "none).", "where friction at two in the afternoon is not that of eight in the morning; it takes hours of the "
+        "robot.")] = None
+    law: Annotated[LawSpec, Key("Parts of the friction law that are tested.", "switch parts off that later tools "
+        "cannot hold; `yes` is a demand, and the fit fails with the reason where the levels cannot determine the "
+        "part.")] = LawSpec()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse names given twice."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import did_you_mean
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.robot import Robot
 
 Formulation: TypeAlias = Literal["serial", "constrained", "minimal"]
@@ -17,28 +17,26 @@ Variant: TypeAlias = Literal[
 
 @section
 class ModelSpec:
-    """How the robot becomes equations.
+    """Equations of motion of the robot."""
 
-    formulation: default serial for a tree, constrained where there are loops. serial: a tree of bodies. constrained:
-    all coordinates, the loops closed by constraints with multipliers. minimal: independent coordinates; elastic rods
-    are cut and become force elements. -- `constrained` works for every linkage; `minimal` where results are wanted in
-    independent coordinates, or elastic rods are to be cut, so that a simulation has no loop to keep closed. Both give
-    the same response to rounding, and either checks the other.
-    independent: names of these coordinates, such as `joint 2` or `motor 3` (default: chosen by rank). -- where the
-    choice by rank is not the one in which you want to read the results; coordinates that are dependent in a posture are
-    refused.
-
-    variant: of the minimal formulation, exact or one of the approximations in use for parallel linkages. rigid_loop:
-    nothing gives inside loops but driven springs. constant_stiffness: so, and the stiffness of an elastic rod is in
-    series with that of its lever's gear, as at the start posture. series_stiffness: the same with its change with the
-    posture. bending_outside: loops do not see the elastic joints in them. lumped_rod: rods are a point mass at each
-    end. -- an approximation only to see what it costs, or to match a model that another tool uses; parameters of an
-    approximation are not those of the robot.
-    """
-
-    formulation: Formulation | None = None
-    variant: Variant = "exact"
-    independent: tuple[str, ...] = ()
+    # fmt: off
+    formulation: Annotated[Formulation | None, Key("Formulation of the equations of motion (default: serial for a "
+        "tree, constrained where there are loops). serial: a tree of bodies. constrained: all coordinates, the loops "
+        "closed by constraints with multipliers. minimal: independent coordinates; elastic rods are cut and become "
+        "force elements.", "`constrained` works for every linkage; `minimal` where results are wanted in independent "
+        "coordinates, or elastic rods are to be cut, so that a simulation has no loop to keep closed. Both give the "
+        "same response to rounding, and either checks the other.")] = None
+    variant: Annotated[Variant, Key("Variant of the minimal formulation: exact, or one of the approximations in use "
+        "for parallel linkages. rigid_loop: nothing gives inside loops but driven springs. constant_stiffness: so, and "
+        "the stiffness of an elastic rod is in series with that of its lever's gear, as at the start posture. "
+        "series_stiffness: the same with its change with the posture. bending_outside: loops do not see the elastic "
+        "joints in them. lumped_rod: rods are a point mass at each end.", "an approximation only to see what it costs, "
+        "or to match a model that another tool uses; parameters of an approximation are not those of the "
+        "robot.")] = "exact"
+    independent: Annotated[tuple[str, ...], Key("Names of the independent coordinates of the minimal formulation, such "
+        "as `joint 2` or `motor 3` (default: chosen by rank).", "where the choice by rank is not the one in which you "
+        "want to read the results; coordinates that are dependent in a posture are refused.")] = ()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Variants and chosen coordinates belong to the minimal formulation."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 
 
 @section
 class ReportSpec:
-    """The figures of the report.
+    """The figures of the report."""
 
-    formats: of the files beside the page; pdf comes with report.pdf: tables and all figures on paper (`elastid report
-    --pdf` for once). -- add pdf for print and for LaTeX; it takes longer, and page and PNG are enough on a screen.
-    """
-
-    formats: tuple[Literal["png", "pdf"], ...] = ("png",)
+    # fmt: off
+    formats: Annotated[tuple[Literal["png", "pdf"], ...], Key("Formats of the figures' files, in addition to the page; "
+        "pdf comes with report.pdf: tables and all figures on paper (`elastid report --pdf` for once).", "add pdf for "
+        "print and for LaTeX; it takes longer, and page and PNG are enough on a screen.")] = ("png",)
+    # fmt: on

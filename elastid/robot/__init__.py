@@ -40,7 +40,7 @@ from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.motor import Motor
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
-from elastid.robot.presliding import Dahl, LuGre, MaxwellSlip
+from elastid.robot.presliding import LuGre, MaxwellSlip
 from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.spring import Spring
 
@@ -57,7 +57,6 @@ __all__ = [
     "ChannelGain",
     "CoilSpring",
     "Compensator",
-    "Dahl",
     "Directions",
     "Frame",
     "Friction",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
 from elastid.robot.named_numbers import Numbers, coordinates
@@ -27,32 +27,29 @@ _TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 @section
 class Body:
-    """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass.
+    """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass."""
 
-    name: ends the names of its parameters (m_arm). -- short and without blanks is easiest, since parameters end in it.
-    parent: the body that carries it. -- the body before it in the chain; two bodies with one parent branch.
-    placement: of its first joint in the parent's frame. -- the joint's place as measured from the parent's joint at
-    zero angles.
-    joints: from the parent to the body, in this order. -- the driven joint first, then elastic ones: bearing tilt, then
-    bending.
-    mass: with rotors that ride on it. -- from CAD; the fit keeps it, unless m_NAME is named with a prior, as it sets
-    the scale of all stiffnesses.
-    center_of_mass: in the body's frame. -- gravity's torque at rest checks it: compare holding torques of two postures.
-    inertia: one number (the same about every axis), three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal
-    ones are entries of the tensor, not products of inertia with the other sign). -- six numbers where CAD gives them;
-    mind the sign of the off-diagonal ones.
-    mounting: of its own frame behind its last joint. -- where the next frame does not begin at the last joint, such as
-    the flange of a bent link.
-    """
-
-    name: str
-    parent: str = BASE
-    placement: Placement = field(default_factory=Placement)
-    joints: tuple[Joint, ...] = ()
-    mass: Mass = 0.0
-    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
-    inertia: InertiaTensor = 0.0
-    mounting: Placement = field(default_factory=Placement)
+    # fmt: off
+    name: Annotated[str, Key("Name of the body, which ends the names of its parameters (m_arm).", "short and without "
+        "blanks is easiest, since parameters end in it.")]
+    parent: Annotated[str, Key("Name of the body that carries it.", "the body before it in the chain; two bodies with "
+        "one parent branch.")] = BASE
+    placement: Annotated[Placement, Key("Placement of its first joint in the parent's frame.", "the joint's place as "
+        "measured from the parent's joint at zero angles.")] = field(default_factory=Placement)
+    joints: Annotated[tuple[Joint, ...], Key("Joints from the parent to the body, in this order.", "the driven joint "
+        "first, then elastic ones: bearing tilt, then bending.")] = ()
+    mass: Annotated[Mass, Key("Mass of the body, with the rotors that ride on it.", "from CAD; the fit keeps it, "
+        "unless m_NAME is named with a prior, as it sets the scale of all stiffnesses.")] = 0.0
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the body's frame.", "gravity's torque at rest checks it: "
+        "compare holding torques of two postures.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass: one number (the same about every axis), "
+        "three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal ones are entries of the tensor, not "
+        "products of inertia with the other sign).", "six numbers where CAD gives them; mind the sign of the "
+        "off-diagonal ones.")] = 0.0
+    mounting: Annotated[Placement, Key("Placement of the body's own frame behind its last joint.", "where the next "
+        "frame does not begin at the last joint, such as the flange of a bent "
+        "link.")] = field(default_factory=Placement)
+    # fmt: on
 
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
@@ -102,35 +99,32 @@ class Body:
 
 @section
 class Frame:
-    """A frame fixed to a body.
+    """A frame fixed to a body."""
 
-    name: by which outputs and the payload refer to it. -- `tool` for the tip, else what the sensor is called; outputs
-    are then `frame NAME z`.
-    body: that it is fixed to. -- the body behind whose joints the sensor sits; the wrong side of an elastic joint
-    misses its bending.
-    placement: in the body's frame. -- measure to the sensor's own origin: 10 cm off on a swinging arm is the
-    acceleration of another place.
-    """
-
-    name: str
-    body: str
-    placement: Placement = field(default_factory=Placement)
+    # fmt: off
+    name: Annotated[str, Key("Name of the frame, by which outputs and the payload refer to it.", "`tool` for the tip, "
+        "else what the sensor is called; outputs are then `frame NAME z`.")]
+    body: Annotated[str, Key("Name of the body that it is fixed to.", "the body behind whose joints the sensor sits; "
+        "the wrong side of an elastic joint misses its bending.")]
+    placement: Annotated[Placement, Key("Placement in the body's frame.", "measure to the sensor's own origin: 10 cm "
+        "off on a swinging arm is the acceleration of another place.")] = field(default_factory=Placement)
+    # fmt: on
 
 
 @section
 class Payload:
-    """A body called `payload`, fixed to a frame or body.
+    """A body called `payload`, fixed to a frame or body."""
 
-    mass: of the payload. -- weigh it; unlike links it can be changed to separate masses from stiffnesses.
-    center_of_mass: in the axes of its seat. -- 1 cm matters for wrists, hardly for the first three axes.
-    inertia: about the centre of mass, as a body's. -- for tools longer than about 20 cm; small ones are points.
-    at: the frame or body that it is fixed to. -- the flange's frame; without a frame `tool` name the last body.
-    """
-
-    mass: Mass
-    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
-    inertia: InertiaTensor = 0.0
-    at: str = TOOL
+    # fmt: off
+    mass: Annotated[Mass, Key("Mass of the payload.", "weigh it; unlike links it can be changed to separate masses "
+        "from stiffnesses.")]
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the axes of the frame or body that carries it.",
+        "1 cm matters for wrists, hardly for the first three axes.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia about the centre of mass, as a body's.", "for tools longer than "
+        "about 20 cm; small ones are points.")] = 0.0
+    at: Annotated[str, Key("Name of the frame or body that it is fixed to.", "the flange's frame; without a frame "
+        "`tool` name the last body.")] = TOOL
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Checked as a body."""

@@ -10,11 +10,11 @@ theta_i = offset_i + q_i where the joint turns, d_i + q_i instead of d_i where i
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Angle, Length, Mass
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
 from elastid.robot.joint import Joint
@@ -24,39 +24,30 @@ from elastid.robot.robot import Robot
 
 @section
 class Link:
-    """One row of the table, the joint that moves the link, and the link as a body in its frame i.
+    """One row of the table, the joint that moves the link, and the link as a body in its frame i."""
 
-    joint: about or along z; its `motion` says which. -- names the spring, motor and limits; elastic joints that nothing
-    drives belong into `elastic`.
-    d: length along z. -- straight from the table; of a sliding joint it is added to the position.
-    a: length along x. -- with `modified` the a_(i-1) of row i in Craig's tables; with `standard` the one of the link
-    itself.
-    alpha: angle about x. -- with `modified` it turns before the joint, with `standard` behind it; give deg with its
-    unit.
-    offset: added to the joint's angle. -- for tables whose zero is not the controller's, such as -90 deg for an upright
-    second axis.
-    mass: of the link. -- from CAD or the manual; an error of ten percent is one of ten percent in stiffness, since
-    inertia sets the scale.
-    center_of_mass: in its frame. -- convert from the maker's frame; only its distance from the axes counts for
-    stiffness, its direction for gravity.
-    inertia: as that of a body, about the point that inertia_about names. -- three numbers suffice where the axes are
-    nearly principal; 0 for a point mass.
-    elastic: further joints right behind it, in axes that have z in common with it. -- bearings and link bending, behind
-    the gear; the commonest are two, across the driven axis.
-    name: of the body; default: that of the joint. -- where a message should say `upper arm` in place of a joint's
-    number.
-    """
-
-    joint: Joint
-    d: Length = 0.0
-    a: Length = 0.0
-    alpha: Angle = 0.0
-    offset: Angle = 0.0
-    mass: Mass = 0.0
-    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
-    inertia: InertiaTensor = 0.0
-    elastic: tuple[Joint, ...] = ()
-    name: str = ""
+    # fmt: off
+    joint: Annotated[Joint, Key("Joint that moves the link, about or along z; its `motion` says which.", "names the "
+        "spring, motor and limits; elastic joints that nothing drives belong into `elastic`.")]
+    d: Annotated[Length, Key("Length along z.", "straight from the table; of a sliding joint it is added to the "
+        "position.")] = 0.0
+    a: Annotated[Length, Key("Length along x.", "with `modified` the a_(i-1) of row i in Craig's tables; with "
+        "`standard` the one of the link itself.")] = 0.0
+    alpha: Annotated[Angle, Key("Angle about x.", "with `modified` it turns before the joint, with `standard` behind "
+        "it; give deg with its unit.")] = 0.0
+    offset: Annotated[Angle, Key("Angle that is added to the joint's.", "for tables whose zero is not the "
+        "controller's, such as -90 deg for an upright second axis.")] = 0.0
+    mass: Annotated[Mass, Key("Mass of the link.", "from CAD or the manual; an error of ten percent is one of ten "
+        "percent in stiffness, since inertia sets the scale.")] = 0.0
+    center_of_mass: Annotated[Vector3, Key("Centre of mass in the link's frame.", "convert from the maker's frame; "
+        "only its distance from the axes counts for stiffness, its direction for gravity.")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[InertiaTensor, Key("Inertia as that of a body, about the point that inertia_about names.",
+        "three numbers suffice where the axes are nearly principal; 0 for a point mass.")] = 0.0
+    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints right behind it, in axes that have z in common "
+        "with it.", "bearings and link bending, behind the gear; the commonest are two, across the driven axis.")] = ()
+    name: Annotated[str, Key("Name of the body; default: that of the joint.", "where a message should say `upper arm` "
+        "in place of a joint's number.")] = ""
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse an axis: in these conventions it is z."""
@@ -73,36 +64,31 @@ class Link:
 
 @section
 class DenavitHartenberg:
-    """A serial robot as a table of links, from the base to the tool.
+    """A serial robot as a table of links, from the base to the tool."""
 
-    name: of the robot. -- a new one for each set of numbers, since results quote it.
-    convention: `standard` or `modified`. -- `modified` (Craig) where the rotation alpha comes first in a row,
-    `standard` where last; a mix of both gives a robot that looks right at zero only.
-    links: the rows, from the base to the tool. -- one row per driven joint, in order; elastic joints are written inside
-    the rows.
-    inertia_about: reference point of the links' inertia tensors, the centre of mass or the origin of the link's frame.
-    -- `origin` for tables of dynamic parameters, which hold m c^2 already; a wrong choice counts it twice or not at
-    all.
-    base: frame 0 in the base. -- for robots on a pedestal, a wall or upside down; gravity stays in the base frame.
-    tool: in the last link's frame; it becomes the robot's frame `tool`. -- the flange's frame, or the tip where sensors
-    sit.
-    gravity: acceleration in the base frame. -- turn it for a robot on a wall or the ceiling, or tilt the base instead,
-    not both.
-    source: where the numbers come from; free text. -- cite paper, file and table, and say which numbers are made up.
-    frames: further named frames. -- one for every accelerometer or marker whose motion is logged.
-    payload: carried at one of them. -- whatever hung at the flange when the data was taken.
-    """
-
-    name: str
-    convention: Literal["standard", "modified"]
-    links: tuple[Link, ...]
-    base: Placement = field(default_factory=Placement)
-    tool: Placement = field(default_factory=Placement)
-    inertia_about: Literal["center_of_mass", "origin"] = "center_of_mass"
-    gravity: Acceleration3 = (0.0, 0.0, -9.81)
-    source: str = ""
-    frames: tuple[Frame, ...] = ()
-    payload: Payload | None = None
+    # fmt: off
+    name: Annotated[str, Key("Name of the robot.", "a new one for each set of numbers, since results quote it.")]
+    convention: Annotated[Literal["standard", "modified"], Key("Convention of the Denavit-Hartenberg table, `standard` "
+        "or `modified`.", "`modified` (Craig) where the rotation alpha comes first in a row, `standard` where last; a "
+        "mix of both gives a robot that looks right at zero only.")]
+    links: Annotated[tuple[Link, ...], Key("Rows of the table, from the base to the tool.", "one row per driven joint, "
+        "in order; elastic joints are written inside the rows.")]
+    base: Annotated[Placement, Key("Placement of frame 0 in the base.", "for robots on a pedestal, a wall or upside "
+        "down; gravity stays in the base frame.")] = field(default_factory=Placement)
+    tool: Annotated[Placement, Key("Placement of the tool in the last link's frame; it becomes the robot's frame "
+        "`tool`.", "the flange's frame, or the tip where sensors sit.")] = field(default_factory=Placement)
+    inertia_about: Annotated[Literal["center_of_mass", "origin"], Key("Reference point of the links' inertia tensors: "
+        "the centre of mass or the origin of the link's frame.", "`origin` for tables of dynamic parameters, which "
+        "hold m c^2 already; a wrong choice counts it twice or not at all.")] = "center_of_mass"
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "turn it for a robot on a wall "
+        "or the ceiling, or tilt the base instead, not both.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "cite paper, file and table, and say "
+        "which numbers are made up.")] = ""
+    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "one for every accelerometer or "
+        "marker whose motion is logged.")] = ()
+    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "whatever "
+        "hung at the flange when the data was taken.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse an empty table, and rows that make no robot."""

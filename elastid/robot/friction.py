@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import (
     Damping,
     InUnit,
@@ -22,7 +22,7 @@ from elastid.base.units import (
     TemperatureRise,
     of_translation,
 )
-from elastid.robot.presliding import Dahl, LuGre, MaxwellSlip, require_not_negative, require_positive
+from elastid.robot.presliding import LuGre, MaxwellSlip, require_not_negative, require_positive
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
 # the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
@@ -34,18 +34,17 @@ EXPONENT_RANGE = (0.3, 4.0)
 
 @section
 class LoadDependence:
-    """Friction that each Nm (N per N) of load on the joint adds, whatever its sign.
+    """Friction that each Nm (N per N) of load on the joint adds, whatever its sign."""
 
-    coulomb: Nm of Coulomb level for each Nm. -- 0.01 to 0.1 for robot gears; three loads tell it.
-    stiction: Nm of stiction for each Nm; as much as coulomb unless given. -- apart from coulomb only where slow passes
-    were made at every load.
-    stribeck_velocity: nu_l, over which what the load adds to stiction alone falls; default: that of the friction. -- of
-    its own where the curves of two loads fall over different speeds.
-    """
-
-    coulomb: float = 0.0
-    stiction: float | None = None
-    stribeck_velocity: JointVelocity | None = None
+    # fmt: off
+    coulomb: Annotated[float, Key("Coulomb friction in Nm that each Nm of load adds.", "0.01 to 0.1 for robot gears; "
+        "three loads identify it.")] = 0.0
+    stiction: Annotated[float | None, Key("Stiction in Nm that each Nm of load adds; as much as coulomb unless given.",
+        "apart from coulomb only where slow passes were made at every load.")] = None
+    stribeck_velocity: Annotated[JointVelocity | None, Key("Velocity nu_l over which the stiction that the load adds "
+        "falls; default: that of the friction.", "of its own where the curves of two loads fall over different "
+        "speeds.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse friction that falls with the load, and a Stribeck velocity of nothing."""
@@ -71,22 +70,20 @@ class TemperatureDependence:
     r"""Friction at temperature T: stiction and Stribeck velocity affine in T, viscous friction falling exponentially.
 
     .. math:: F_s + a (T - T_0), \quad \nu_s + b (T - T_0), \quad f + f_T (e^{-(T - T_0) / T_V} - 1)
-
-    reference: T_0, where the other numbers hold. -- the mean of the temperatures that were measured keeps the other
-    numbers nearly uncorrelated.
-    stiction: a, change of F_s with T. -- positive for grease that is pressed out as it thins, which is usual.
-    stribeck_velocity: b, change of nu_s with T. -- positive: a thinner film needs more speed to carry.
-    viscous: f_T, part of viscous friction that vanishes with heat. -- about half of viscous friction between 34 and 64
-    degC in one gear, a fifth in small robots.
-    decay: T_V, over which it falls. -- 20 K was found for an industrial gear; only three temperatures over more than
-    that can tell it.
     """
 
-    reference: Temperature
-    stiction: Annotated[float, InUnit("N*m/K", "N/K")] = 0.0
-    stribeck_velocity: Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")] = 0.0
-    viscous: Damping = 0.0
-    decay: TemperatureRise = 20.0
+    # fmt: off
+    reference: Annotated[Temperature, Key("Reference temperature T_0, where the other numbers hold.", "the mean of the "
+        "temperatures that were measured keeps the other numbers nearly uncorrelated.")]
+    stiction: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Change a of the stiction F_s with temperature.",
+        "positive for grease that is pressed out as it thins, which is usual.")] = 0.0
+    stribeck_velocity: Annotated[Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")], Key("Change b of the Stribeck "
+        "velocity nu_s with temperature.", "positive: a thinner film needs more speed to carry.")] = 0.0
+    viscous: Annotated[Damping, Key("Part f_T of viscous friction that vanishes with heat.", "about half of viscous "
+        "friction between 34 and 64 degC in one gear, a fifth in small robots.")] = 0.0
+    decay: Annotated[TemperatureRise, Key("Temperature rise T_V over which that part falls.", "20 K was found for an "
+        "industrial gear; only three temperatures over more than that can identify it.")] = 20.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse oil that thickens with heat."""
@@ -96,32 +93,30 @@ class TemperatureDependence:
 
 @section
 class Directions:
-    """Friction that is not alike in both directions: half of what it is larger at positive than at negative velocity.
+    """Friction that differs between directions: half of its excess at positive over negative velocity."""
 
-    coulomb: of the Coulomb level, which is F_c + coulomb forwards and F_c - coulomb backwards. -- where up and down
-    differ at all speeds alike; without gravity's help it cannot be told from a torque offset.
-    viscous: of the viscous friction. -- where the two slopes over speed differ: half of the difference, -37 beside 203
-    N*s/m on a published axis, whose residual falls from 3.6 to 2.4 % by it.
-    """
-
-    coulomb: JointTorque = 0.0
-    viscous: Damping = 0.0
+    # fmt: off
+    coulomb: Annotated[JointTorque, Key("Half the difference of the Coulomb level, which is F_c + coulomb forwards and "
+        "F_c - coulomb backwards.", "where up and down differ by the same at all speeds; without gravity's help it "
+        "cannot be distinguished from a torque offset.")] = 0.0
+    viscous: Annotated[Damping, Key("Half the difference of the viscous friction.", "where the two slopes over speed "
+        "differ: half of the difference, -37 compared with 203 N*s/m on a published axis, whose residual falls from "
+        "3.6 to 2.4 % by it.")] = 0.0
+    # fmt: on
 
 
 @section
 class MeasuredRange:
-    """Where the numbers of a friction law were measured; simulation beyond says so.
+    """Ranges in which a friction law was measured; simulation beyond them is reported."""
 
-    speed: lowest and highest, without sign. -- of all passes used; simulation beyond it is extrapolated and says so.
-    load: lowest and highest of the load on the joint, without sign. -- of postures and payloads together, as torque
-    about the joint.
-    temperature: lowest and highest. -- laws of temperature fail soon outside: one published Stribeck velocity is 0 at
-    25 degC.
-    """
-
-    speed: tuple[JointVelocity, JointVelocity] | None = None
-    load: tuple[JointTorque, JointTorque] | None = None
-    temperature: tuple[Temperature, Temperature] | None = None
+    # fmt: off
+    speed: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest measured speed, without sign.",
+        "of all passes used; simulation beyond it is extrapolated and says so.")] = None
+    load: Annotated[tuple[JointTorque, JointTorque] | None, Key("Lowest and highest measured load on the joint, "
+        "without sign.", "of postures and payloads together, as torque about the joint.")] = None
+    temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Lowest and highest measured temperature.",
+        "laws of temperature fail soon outside: one published Stribeck velocity is 0 at 25 degC.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a range upside down."""
@@ -145,47 +140,36 @@ class MeasuredRange:
 
 @section
 class Friction:
-    r"""Dry friction about g(v) = F_c + (F_s - F_c) exp(-|v / nu_s|^a), plus alpha_3 v |v|.
+    """Dry friction about g(v) = F_c + (F_s - F_c) exp(-|v / nu_s|^a), plus alpha_3 v |v|."""
 
-    coulomb: level F_c of sliding friction. -- from slow passes in both directions, half the difference; with a Stribeck
-    curve that of medium speeds.
-    stiction: level F_s of break-away (default: F_c). -- commonly 1.1 to 2 times coulomb; it decides about stick and
-    slip at reversals.
-    stribeck_velocity: nu_s, over which it falls from F_s to F_c. -- needed with stiction; some percent of the top speed
-    for greased gears.
-    quadratic: alpha_3, factor of v |v|. -- for oil churning at high speed; a linear fit of damping includes it at the
-    working speed.
-    exponent: a of the Stribeck curve. -- below 2 for a long gentle fall, as 1.36 of one measured gear; published ones
-    lie between 0.5 and 2.
-    dahl: presliding, by at most one of these laws; without one the torque is sgn(v) g(v) (Tustin's law), smoothed at
-    standstill. -- for one number of presliding without a Stribeck effect; the quickest to simulate.
-    lugre: presliding, by at most one of these laws; without one the torque is sgn(v) g(v) (Tustin's law), smoothed at
-    standstill. -- for control and for observers that need one state; it drifts under vibration below break-away.
-    maxwell_slip: presliding, by at most one of these laws; without one the torque is sgn(v) g(v) (Tustin's law),
-    smoothed at standstill. -- where hysteresis with inner loops matters, such as fine positioning; several states,
-    slower.
-    load: how friction grows with the joint's load. -- for joints under changing gravity or payload; without it one
-    level stands for all postures.
-    temperature: how friction changes with temperature. -- for studies over a shift; without it numbers hold for the
-    state in which they were measured.
-    directions: how it differs between positive and negative velocity. -- for one-way loaded gears and cylinders, where
-    passes up and down differ.
-    measured: the ranges in which it was measured. -- written by the friction fit; widen it by hand only with a
-    measurement behind it.
-    """
-
-    coulomb: JointTorque
-    stiction: JointTorque | None = None
-    stribeck_velocity: JointVelocity | None = None
-    quadratic: Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")] = 0.0
-    exponent: float = 2.0
-    dahl: Dahl | None = None
-    lugre: LuGre | None = None
-    maxwell_slip: MaxwellSlip | None = None
-    load: LoadDependence | None = None
-    temperature: TemperatureDependence | None = None
-    directions: Directions | None = None
-    measured: MeasuredRange | None = None
+    # fmt: off
+    coulomb: Annotated[JointTorque, Key("Coulomb level F_c of sliding friction.", "from slow passes in both "
+        "directions, half the difference; with a Stribeck curve that of medium speeds.")]
+    stiction: Annotated[JointTorque | None, Key("Stiction F_s, the level of break-away (default: F_c).", "commonly 1.1 "
+        "to 2 times coulomb; it decides about stick and slip at reversals.")] = None
+    stribeck_velocity: Annotated[JointVelocity | None, Key("Stribeck velocity nu_s, over which friction falls from F_s "
+        "to F_c.", "needed with stiction; some percent of the top speed for greased gears.")] = None
+    quadratic: Annotated[Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")], Key("Quadratic friction alpha_3, "
+        "factor of v |v|.", "for oil churning at high speed; a linear fit of damping includes it at the working "
+        "speed.")] = 0.0
+    exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a long gentle fall, as 1.36 of "
+        "one measured gear; published ones lie between 0.5 and 2.")] = 2.0
+    lugre: Annotated[LuGre | None, Key("Presliding by the LuGre law; without stiction and damping it is Dahl's. At "
+        "most one law is given; without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "for "
+        "control and for observers that need one state; it drifts under vibration below break-away. Of its stiffness "
+        "alone it is the quickest to simulate.")] = None
+    maxwell_slip: Annotated[MaxwellSlip | None, Key("Presliding by generalised Maxwell slip. At most one law is given; "
+        "without one the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.", "where hysteresis with inner "
+        "loops matters, such as fine positioning; several states, slower.")] = None
+    load: Annotated[LoadDependence | None, Key("Growth of friction with the joint's load.", "for joints under changing "
+        "gravity or payload; without it one level stands for all postures.")] = None
+    temperature: Annotated[TemperatureDependence | None, Key("Change of friction with temperature.", "for studies over "
+        "a shift; without it numbers hold for the state in which they were measured.")] = None
+    directions: Annotated[Directions | None, Key("Difference of friction between positive and negative velocity.",
+        "for one-way loaded gears and cylinders, where passes up and down differ.")] = None
+    measured: Annotated[MeasuredRange | None, Key("Ranges of speed, load and temperature in which the law was "
+        "measured.", "written by the friction fit; widen it by hand only with a measurement behind it.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse laws that contradict themselves."""
@@ -211,10 +195,8 @@ class Friction:
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
             raise ValueError("friction: stiction needs stribeck_velocity (nu_s), over which it falls to coulomb")
-        if sum(kind is not None for kind in (self.dahl, self.lugre, self.maxwell_slip)) > 1:
-            raise ValueError("friction: give at most one of dahl, lugre and maxwell_slip")
-        if self.dahl is not None and (self.break_away > self.coulomb or self.has_variable_stiction):
-            raise ValueError("friction: dahl has no Stribeck effect; leave stiction out, or take lugre")
+        if self.lugre is not None and self.maxwell_slip is not None:
+            raise ValueError("friction: give at most one of lugre and maxwell_slip")
 
     @property
     def break_away(self) -> float:

@@ -76,7 +76,7 @@ TERMS: dict[str, FrictionTerm] = {
 }  # fmt: skip
 
 # Numbers of a law that have no name, moved through a gear with the others.
-_UNNAMED = {"lugre.damping_velocity": -1, "dahl.stiffness": 2}
+_UNNAMED = {"lugre.damping_velocity": -1}
 
 
 def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:

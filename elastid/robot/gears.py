@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray, frozen, frozen_value
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.robot.joint import Joint
 
 # Reciprocal condition number of eta, its rows scaled to the motors' own ratios, above which it is not singular.
@@ -27,21 +27,20 @@ MIN_RECIPROCAL_CONDITION = 1e-10
 
 @section
 class GearCoupling:
-    """A gear through which the motor of another joint turns along: eta[motor, joint] = ratio.
+    """A gear through which the motor of another joint turns along: eta[motor, joint] = ratio."""
 
-    motor: two driven joints. -- the one that also turns when another joint does, mostly of the wrist's later axis.
-    joint: two driven joints. -- the joint whose turning drags it along.
-    ratio: turns of the motor of `motor` per turn of `joint`, while joint `motor` stands still in its own bearing. --
-    from the controller's coupling parameters; try the other sign when free wrist motion shows cross torque.
-    springs: `after` it, towards the links (the stiffness matrix stays diagonal), or `before` it, between motors and
-    coupling: the springs of the joints; springs of motor shafts are before all gears. -- `before` where belts or shafts
-    ahead of the bevel stage are the soft part; `elastid compare` tries both.
-    """
-
-    motor: str
-    joint: str
-    ratio: float
-    springs: Literal["before", "after"] = "after"
+    # fmt: off
+    motor: Annotated[str, Key("Driven joint whose motor turns along.", "the one that also turns when another joint "
+        "does, mostly of the wrist's later axis.")]
+    joint: Annotated[str, Key("Driven joint that turns that motor along.", "the joint whose turning drags it along.")]
+    ratio: Annotated[float, Key("Turns of the motor of `motor` per turn of `joint`, while joint `motor` stands still "
+        "in its own bearing.", "from the controller's coupling parameters; try the other sign when free wrist motion "
+        "shows cross torque.")]
+    springs: Annotated[Literal["before", "after"], Key("Place of the joints' springs relative to the coupling: `after` "
+        "it, towards the links (the stiffness matrix stays diagonal), or `before` it, between motors and coupling; "
+        "springs of motor shafts are before all gears.", "`before` where belts or shafts ahead of the bevel stage are "
+        "the soft part; `elastid compare` tries both.")] = "after"
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse the ratio of a motor to its own joint, which the motor has."""

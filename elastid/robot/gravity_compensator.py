@@ -10,9 +10,9 @@ motion too fast for heat to flow.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
 from elastid.robot.named_numbers import Numbers, below, coordinates
@@ -21,29 +21,27 @@ from elastid.robot.placement import Vector3
 
 @section
 class Anchor:
-    """A point of a body.
+    """A point of a body."""
 
-    body: its name. -- a body, not a frame; the base for struts that stand on the foot.
-    point: in the body's axes. -- at the centre of the bearing; millimetres matter where a spring acts nearly through
-    the axis.
-    """
-
-    body: str = BASE
-    point: Vector3 = (0.0, 0.0, 0.0)
+    # fmt: off
+    body: Annotated[str, Key("Name of the body.", "a body, not a frame; the base for struts that stand on the "
+        "foot.")] = BASE
+    point: Annotated[Vector3, Key("Coordinates of the point in the body's axes.", "at the centre of the bearing; "
+        "millimetres matter where a spring acts nearly through the axis.")] = (0.0, 0.0, 0.0)
+    # fmt: on
 
 
 @section
 class CoilSpring:
-    """A mechanical spring.
+    """A mechanical spring."""
 
-    stiffness: k_c of the coil. -- by the maker, or from holding torques of two postures; it adds stiffness to the
-    joint, and kc_NAME in fit.parameters finds it from the low lines.
-    rest_length: L_0, at which it has no force. -- 0 for a spring that pulls wherever it is; it decides in which posture
-    how much weight is carried. L0_NAME may be identified from holding torques.
-    """
-
-    stiffness: LinearStiffness
-    rest_length: Length = 0.0
+    # fmt: off
+    stiffness: Annotated[LinearStiffness, Key("Stiffness k_c of the coil.", "by the maker, or from holding torques of "
+        "two postures; it adds stiffness to the joint, and kc_NAME in fit.parameters finds it from the low lines.")]
+    rest_length: Annotated[Length, Key("Length L_0 at which the coil has no force.", "0 for a spring that pulls "
+        "wherever it is; it decides in which posture how much weight is carried. L0_NAME may be identified from "
+        "holding torques.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse numbers that no coil can have."""
@@ -59,24 +57,20 @@ class CoilSpring:
 
 @section
 class GasSpring:
-    """A gas spring.
+    """A gas spring."""
 
-    force: F_0 at the length L_0. -- scales with filling pressure, which falls over the years: F0_NAME is the first of
-    its numbers to identify.
-    length: L_0, between its ends. -- that at which force and column were read, usually fully extended.
-    column: h_0, height of the gas column at that length. -- volume over piston area; a long one gives a nearly constant
-    force.
-    kappa: exponent, 1 isothermal to 1.4 adiabatic. -- 1 for slow motion and postures, 1.3 to 1.4 for motion within
-    seconds, as in a multisine's swing.
-    action: `push` for a strut, `draw` for a cylinder that pulls. -- draw for cylinders whose rod is pulled out as the
-    arm goes down.
-    """
-
-    force: Force
-    length: Length
-    column: Length
-    kappa: Ratio = 1.0
-    action: Literal["push", "draw"] = "push"
+    # fmt: off
+    force: Annotated[Force, Key("Force F_0 at the length L_0.", "scales with filling pressure, which falls over the "
+        "years: F0_NAME is the first of its numbers to identify.")]
+    length: Annotated[Length, Key("Length L_0 between the ends at which force and column hold.", "that at which force "
+        "and column were read, usually fully extended.")]
+    column: Annotated[Length, Key("Height h_0 of the gas column at that length.", "volume over piston area; a long one "
+        "gives a nearly constant force.")]
+    kappa: Annotated[Ratio, Key("Exponent of the gas, 1 isothermal to 1.4 adiabatic.", "1 for slow motion and "
+        "postures, 1.3 to 1.4 for motion within seconds, as in a multisine's swing.")] = 1.0
+    action: Annotated[Literal["push", "draw"], Key("Direction of the force: `push` for a strut, `draw` for a cylinder "
+        "that pulls.", "draw for cylinders whose rod is pulled out as the arm goes down.")] = "push"
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse numbers that no gas spring can have."""
@@ -98,18 +92,18 @@ class GasSpring:
 
 @section
 class Compensator:
-    """A coil or a gas spring, one of the two, between points of two bodies.
+    """A coil or a gas spring, one of the two, between points of two bodies."""
 
-    name: ends the names of its parameters. -- such as `spring_2`, the axis that it holds.
-    ends: the two points. -- first the fixed one; the force acts along the line between them.
-    coil: a mechanical spring. -- for steel springs, whose force grows with length.
-    gas: a gas spring. -- for nitrogen cylinders; their force rises with stroke and temperature.
-    """
-
-    name: str
-    ends: tuple[Anchor, Anchor]
-    coil: CoilSpring | None = None
-    gas: GasSpring | None = None
+    # fmt: off
+    name: Annotated[str, Key("Name of the compensator, which ends the names of its parameters.", "such as `spring_2`, "
+        "the axis that it holds.")]
+    ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies between which the spring acts.", "first the "
+        "fixed one; the force acts along the line between them.")]
+    coil: Annotated[CoilSpring | None, Key("Coil spring, a mechanical one.", "for steel springs, whose force grows "
+        "with length.")] = None
+    gas: Annotated[GasSpring | None, Key("Gas spring.", "for nitrogen cylinders; their force rises with stroke and "
+        "temperature.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """One spring, between two bodies."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import field, is_dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import (
     Damping,
     JointAcceleration,
@@ -26,20 +26,19 @@ from elastid.robot.spring import Spring
 
 @section
 class Limits:
-    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2 and N.
+    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2 and N."""
 
-    angle: [lower, upper] position. -- those of the cell where they are narrower than the robot's; designs keep
-    excitation.margin from them.
-    velocity: largest speed. -- a tenth above what the test may do; it bounds carriers, passes and multisines.
-    torque: largest torque of the motor. -- continuous torque of motor and gear at the link, not the peak, for
-    experiments of minutes.
-    acceleration: largest acceleration. -- where drives trip by acceleration before they do by torque.
-    """
-
-    angle: tuple[JointPosition, JointPosition] = (-math.inf, math.inf)
-    velocity: JointVelocity = math.inf
-    torque: JointTorque = math.inf
-    acceleration: JointAcceleration = math.inf
+    # fmt: off
+    angle: Annotated[tuple[JointPosition, JointPosition], Key("Lowest and highest position [lower, upper].", "those of "
+        "the cell where they are narrower than the robot's; designs keep excitation.margin from "
+        "them.")] = (-math.inf, math.inf)
+    velocity: Annotated[JointVelocity, Key("Largest speed.", "a tenth above what the test may do; it bounds carriers, "
+        "passes and multisines.")] = math.inf
+    torque: Annotated[JointTorque, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
+        "link, not the peak, for experiments of minutes.")] = math.inf
+    acceleration: Annotated[JointAcceleration, Key("Largest acceleration.", "where drives trip by acceleration before "
+        "they do by torque.")] = math.inf
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse an empty range."""
@@ -52,41 +51,36 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither.
+    """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither."""
 
-    name: ends the names of its parameters (k_1, d_1, fm_1). -- numbers as the controller's axes have them keep k_1 and
-    motor 1 together.
-    axis: x, y, z or a direction, in the axes reached so far. -- positive as the controller counts; a wrong sign turns
-    the response of this axis around.
-    spring: of its gear where it is driven, else of an elastic joint. -- on driven joints the gear; without one the gear
-    is rigid. An undriven joint without a spring swings freely.
-    motor: drives it. -- for axes with a drive; the order of driven joints is that of angles in configurations.
-    viscous: friction across the joint. -- of bearings and seals behind the gear; friction before it belongs to the
-    motor, whose response sees it directly.
-    friction: dry friction across the joint. -- for simulation of dry friction on the link's side, as in bearings under
-    load; most of it is at the motor.
-    limits: link side. -- always for driven joints whose experiments are designed: without them nothing bounds the
-    excitation.
-    motion: `rotation`, or `translation`: stiffness is then in N/m, damping and friction in N*s/m; its motor turns, with
-    a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.) -- `translation` for
-    rails, gantries and telescopes.
-    start: its position where loops are put together, which decides between the two ways in which most loops close. --
-    an angle near the assembled posture, where a linkage closes in the mirrored way otherwise.
-    point: of a rotation, a point that its axis goes through, in the axes reached so far. Whatever follows stays where
-    it would be without the joint: a link of length l that bends at l1 is one joint at [0, 0, l1] and nothing else. --
-    for elastic joints inside a link; two joints at different points stand for a beam that bends.
-    """
-
-    name: str
-    axis: Axis = "z"
-    spring: Spring | None = None
-    motor: Motor | None = None
-    viscous: Damping = 0.0
-    friction: Friction | None = None
-    limits: Limits = field(default_factory=Limits)
-    motion: Literal["rotation", "translation"] = "rotation"
-    start: JointPosition = 0.0
-    point: Vector3 = (0.0, 0.0, 0.0)
+    # fmt: off
+    name: Annotated[str, Key("Name of the joint, which ends the names of its parameters (k_1, d_1, fm_1).", "numbers "
+        "as the controller's axes have them keep k_1 and motor 1 together.")]
+    axis: Annotated[Axis, Key("Axis of the joint: x, y, z or a direction, in the axes reached so far.", "positive as "
+        "the controller counts; a wrong sign turns the response of this axis around.")] = "z"
+    spring: Annotated[Spring | None, Key("Spring of the gear where the joint is driven, else of an elastic joint.",
+        "on driven joints the gear; without one the gear is rigid. An undriven joint without a spring swings "
+        "freely.")] = None
+    motor: Annotated[Motor | None, Key("Motor that drives the joint.", "for axes with a drive; the order of driven "
+        "joints is that of angles in configurations.")] = None
+    viscous: Annotated[Damping, Key("Viscous friction across the joint.", "of bearings and seals behind the gear; "
+        "friction before it belongs to the motor, whose response sees it directly.")] = 0.0
+    friction: Annotated[Friction | None, Key("Dry friction across the joint.", "for simulation of dry friction on the "
+        "link's side, as in bearings under load; most of it is at the motor.")] = None
+    limits: Annotated[Limits, Key("Limits of the joint, link side.", "always for driven joints whose experiments are "
+        "designed: without them nothing bounds the excitation.")] = field(default_factory=Limits)
+    motion: Annotated[Literal["rotation", "translation"], Key("Motion of the joint: `rotation`, or `translation`: "
+        "stiffness is then in N/m, damping and friction in N*s/m; its motor turns, with a ratio in rad/m. (A linear "
+        "motor: ratio 1, its moving mass in place of the inertia.)", "`translation` for rails, gantries and "
+        "telescopes.")] = "rotation"
+    start: Annotated[JointPosition, Key("Position of the joint where loops are put together, which decides between the "
+        "two ways in which most loops close.", "an angle near the assembled posture, where a linkage closes in the "
+        "mirrored way otherwise.")] = 0.0
+    point: Annotated[Vector3, Key("Point that the axis of a rotation goes through, in the axes reached so far. "
+        "Whatever follows stays where it would be without the joint: a link of length l that bends at l1 is one joint "
+        "at [0, 0, l1] and nothing else.", "for elastic joints inside a link; two joints at different points stand for "
+        "a beam that bends.")] = (0.0, 0.0, 0.0)
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check axis, friction and units."""

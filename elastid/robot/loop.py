@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from elastid.base.section import section
+from typing import Annotated
+
+from elastid.base.section import Key, section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
 from elastid.robot.named_numbers import Numbers, below, coordinates
@@ -11,20 +13,17 @@ from elastid.robot.placement import Axis, unit_axis
 
 @section
 class Pin:
-    """A hinge: the two points coincide and turn about one axis.
+    """A hinge: the two points coincide and turn about one axis."""
 
-    axis: in the axes of the first end's body. -- as in the drawing of the first body; must fit other_axis in the
-    assembled posture.
-    other_axis: the same hinge in those of the second one's (default: the same numbers). -- where the axes of the two
-    bodies are turned against each other at zero.
-    planar: only the two displacements across the axis are closed, for mechanisms that are planar; else all three, and
-    the two tilts of the axis. -- true for a planar mechanism, whose further constraints would be redundant; false for
-    real bearings that also take tilt.
-    """
-
-    axis: Axis = "z"
-    other_axis: Axis | None = None
-    planar: bool = False
+    # fmt: off
+    axis: Annotated[Axis, Key("Axis of the hinge in the axes of the first end's body.", "as in the drawing of the "
+        "first body; must fit other_axis in the assembled posture.")] = "z"
+    other_axis: Annotated[Axis | None, Key("Axis of the same hinge in the axes of the second end's body (default: the "
+        "same numbers).", "where the axes of the two bodies are turned against each other at zero.")] = None
+    planar: Annotated[bool, Key("Only the two displacements across the axis are closed if true, for mechanisms that "
+        "are planar; else all three, and the two tilts of the axis.", "true for a planar mechanism, whose further "
+        "constraints would be redundant; false for real bearings that also take tilt.")] = False
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check the axes."""
@@ -35,26 +34,22 @@ class Pin:
 
 @section
 class Rod:
-    """A straight rod on two ball joints, rigid unless it has a stiffness.
+    """A straight rod on two ball joints, rigid unless it has a stiffness."""
 
-    length: between the two joints. -- between ball centres; an error closes the loop at another angle and shifts the
-    whole posture.
-    mass: of the rod. -- for rods of more than a few percent of the arm; 0 for one that only couples.
-    center: place of the centre of mass between first end (0) and second (1). -- away from 0.5 where one end carries a
-    clevis or a spring.
-    inertia: about the centre of mass, across the rod; its spin about itself is left out. -- m l^2 / 12 for an even rod,
-    which has little effect below its own modes.
-    stiffness: along the rod, which stretches evenly. -- E A / l to start with; bearings make it a third or less, and it
-    trades with the stiffness of its lever's gear.
-    damping: along the rod, which stretches evenly. -- start with 1e-3 s times the stiffness, as for a spring.
-    """
-
-    length: Length
-    mass: Mass = 0.0
-    center: float = 0.5
-    inertia: Inertia = 0.0
-    stiffness: LinearStiffness | None = None
-    damping: AxialDamping = 0.0
+    # fmt: off
+    length: Annotated[Length, Key("Length between the two ball joints.", "between ball centres; an error closes the "
+        "loop at another angle and shifts the whole posture.")]
+    mass: Annotated[Mass, Key("Mass of the rod.", "for rods of more than a few percent of the arm; 0 for one that only "
+        "couples.")] = 0.0
+    center: Annotated[float, Key("Place of the centre of mass between first end (0) and second (1).", "away from 0.5 "
+        "where one end carries a clevis or a spring.")] = 0.5
+    inertia: Annotated[Inertia, Key("Inertia about the centre of mass, across the rod; its spin about itself is left "
+        "out.", "m l^2 / 12 for an even rod, which has little effect below its own modes.")] = 0.0
+    stiffness: Annotated[LinearStiffness | None, Key("Stiffness along the rod, which stretches evenly.", "E A / l to "
+        "start with; bearings make it a third or less, and it trades with the stiffness of its lever's gear.")] = None
+    damping: Annotated[AxialDamping, Key("Damping along the rod, which stretches evenly.", "start with 1e-3 s times "
+        "the stiffness, as for a spring.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse numbers that no rod can have."""
@@ -87,21 +82,19 @@ class Rod:
 
 @section
 class Loop:
-    """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point.
+    """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point."""
 
-    name: ends the names of its rod's parameters. -- that of the rod or hinge in the drawing, since k_NAME of a rod
-    appears in results.
-    ends: two points of two bodies; a rod begins at the first end, and where it is moved by a driven lever, that is the
-    lever's end. -- the first on the lever that is driven; exchanging the ends moves the rod's centre of mass.
-    pin: a hinge. -- for a hinge that carries load across its axis; `planar` where the mechanism is ideal.
-    rod: a rod on ball joints. -- for rods with ball joints, or whose stretching matters; one element in place of a body
-    and two joints.
-    """
-
-    name: str
-    ends: tuple[Anchor, Anchor]
-    pin: Pin | None = None
-    rod: Rod | None = None
+    # fmt: off
+    name: Annotated[str, Key("Name of the loop, which ends the names of its rod's parameters.", "that of the rod or "
+        "hinge in the drawing, since k_NAME of a rod appears in results.")]
+    ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies that the loop joins; a rod begins at the "
+        "first end, and where it is moved by a driven lever, that is the lever's end.", "the first on the lever that "
+        "is driven; exchanging the ends moves the rod's centre of mass.")]
+    pin: Annotated[Pin | None, Key("Hinge that joins the ends.", "for a hinge that carries load across its axis; "
+        "`planar` where the mechanism is ideal.")] = None
+    rod: Annotated[Rod | None, Key("Rod on ball joints that joins the ends.", "for rods with ball joints, or whose "
+        "stretching matters; one element in place of a body and two joints.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """One way of closing, between two bodies."""

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Time
 from elastid.robot.named_numbers import Numbers
 
@@ -35,18 +35,17 @@ def gain_name(role: str, at: str) -> str:
 
 @section
 class ChannelGain:
-    """What a channel reads over what is there, 1 for one that is calibrated.
+    """Gain of a channel: its reading over the true value, 1 where it is calibrated."""
 
-    role: `u` of a torque, `y` of a motion. -- y for a motion sensor; u moves a whole column, and with it all inertias
-    of that motor.
-    at: place on the robot, as of the channel. -- spelt as in the channels, so that the parameter gain_y_... is found.
-    gain: factor, positive; the start of a fit that names it (gain_y_accelerometer_tool_z), and held by others. -- what
-    a calibration told; 1 is the start where the fit is to tell.
-    """
-
-    role: Literal["u", "y"]
-    at: str
-    gain: float = 1.0
+    # fmt: off
+    role: Annotated[Literal["u", "y"], Key("Role of the channel, `u` of a torque, `y` of a motion.", "y for a motion "
+        "sensor; u moves a whole column, and with it all inertias of that motor.")]
+    at: Annotated[str, Key("Place of the channel on the robot.", "spelt as in the channels, so that the parameter "
+        "gain_y_... is found.")]
+    gain: Annotated[float, Key("Gain of the channel, a positive factor; the start of a fit that names it "
+        "(gain_y_accelerometer_tool_z), and held by others.", "the number of a calibration; 1 is the start where the "
+        "fit is to find it.")] = 1.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a gain that is not positive."""
@@ -59,30 +58,25 @@ class ChannelGain:
 
 @section
 class Chain:
-    """Elements between torque command and logged motion; those without a number are not there.
+    """Elements between torque command and logged motion; those without a number are not there."""
 
-    torque_lag: time constant of the torque loop. -- 0.2 to 1 ms for modern current loops, where u is a command; leave
-    it out for measured current.
-    torque_order: 1, or 2 with torque_damping. -- 2 for loops that overshoot, or with a filter behind the controller.
-    torque_damping: damping ratio of a torque loop of second order. -- lower for a loop that rings; without
-    torque_order: 2 it does nothing.
-    sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions. -- from the corner in the
-    drive's manual; in doubt let the fit find it, with a prior.
-    sensor_order: of that filter, a Butterworth filter. -- as in the data sheet of the anti-aliasing filter; order 4
-    delays 2.6 times as long as order 1 with the same corner.
-    differentiator: time over which a logged velocity is the difference of positions. -- one sample or the averaging
-    time of the drive, where it logs speed of encoder counts.
-    gains: of channels that read something else than what is there. -- for channels that were never calibrated, as
-    accelerometers on magnets; keep the gain of at least one motor, since gains and inertias cannot be distinguished.
-    """
-
-    torque_lag: Time | None = None
-    torque_order: Literal[1, 2] = 1
-    torque_damping: float = 0.7
-    sensor_lag: Time | None = None
-    sensor_order: Literal[1, 2, 3, 4] = 1
-    differentiator: Time | None = None
-    gains: tuple[ChannelGain, ...] = ()
+    # fmt: off
+    torque_lag: Annotated[Time | None, Key("Time constant of the torque loop.", "0.2 to 1 ms for modern current loops, "
+        "where u is a command; leave it out for measured current.")] = None
+    torque_order: Annotated[Literal[1, 2], Key("Order of the torque loop: 1, or 2 with torque_damping.", "2 for loops "
+        "that overshoot, or with a filter behind the controller.")] = 1
+    torque_damping: Annotated[float, Key("Damping ratio of a torque loop of second order.", "lower for a loop that "
+        "rings; without torque_order: 2 it does nothing.")] = 0.7
+    sensor_lag: Annotated[Time | None, Key("Time constant 1 / (2 pi corner) of the low-pass filter of the logged "
+        "motions.", "from the corner in the drive's manual; in doubt let the fit find it, with a prior.")] = None
+    sensor_order: Annotated[Literal[1, 2, 3, 4], Key("Order of that filter, a Butterworth filter.", "as in the data "
+        "sheet of the anti-aliasing filter; order 4 delays 2.6 times as long as order 1 with the same corner.")] = 1
+    differentiator: Annotated[Time | None, Key("Time over which a logged velocity is the difference of positions.",
+        "one sample or the averaging time of the drive, where it logs speed of encoder counts.")] = None
+    gains: Annotated[tuple[ChannelGain, ...], Key("Gains of channels that are not calibrated.", "for channels that "
+        "were never calibrated, as accelerometers on magnets; keep the gain of at least one motor, since gains and "
+        "inertias cannot be distinguished.")] = ()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse times and damping that are not positive."""

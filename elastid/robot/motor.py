@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Damping, Inertia, Torque
 from elastid.robot.friction import Friction
 from elastid.robot.named_numbers import Numbers, below
@@ -14,37 +15,31 @@ from elastid.robot.spring import Spring
 
 @section
 class Motor:
-    """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
+    """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb."""
 
-    inertia: of the rotor about its axis. -- rotor, brake and input stage together; the data sheet's rotor alone may be
-    half of it.
-    ratio: motor turns per joint turn, negative where they turn in opposite ways. -- from the controller's parameters,
-    sign included; an error here is one of its square in inertia.
-    viscous: friction of the motor. -- the slope of torque over speed of a warm axis, over ratio^2 on the motor's side;
-    fm_NAME of a fit finds it, from a start that is not 0.
-    coulomb: dry friction that is Coulomb's alone. -- half the torque between slow motion up and down; used by
-    simulation, a linear fit does not see it.
-    friction: dry friction of any law, in the place of coulomb. -- for studies of friction, whose export writes it;
-    `coulomb` is enough for an elastic one.
-    spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own. -- for belts and
-    couplings between motor and gear that swing by themselves, mostly above 50 Hz.
-    on: the body that carries the motor. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega
-    + ratio q_m')^2 / 2, and the carrier's mass and inertia hold the rest of it: all of its mass, and its inertia but
-    for that about its own axis. Without a carrier the rotor turns about its own axis only, and the carrier holds all of
-    it. -- for motors in the arm, wrist motors above all; with ratios of 100 and more the effect on modes is a few
-    percent.
-    axis: in the axes of that body, the direction about which the rotor turns where the motor does; given with `on`, and
-    not without. -- for motors across their joint, behind bevel gears or belts; the sign counts with that of ratio.
-    """
-
-    inertia: Inertia
-    ratio: float = 1.0
-    viscous: Damping = 0.0
-    coulomb: Torque = 0.0
-    spring: Spring | None = None
-    on: str = ""
-    axis: Axis | None = None
-    friction: Friction | None = None
+    # fmt: off
+    inertia: Annotated[Inertia, Key("Inertia of the rotor about its axis.", "rotor, brake and input stage together; "
+        "the data sheet's rotor alone may be half of it.")]
+    ratio: Annotated[float, Key("Gear ratio: motor turns per joint turn, negative where they turn in opposite ways.",
+        "from the controller's parameters, sign included; an error here is one of its square in inertia.")] = 1.0
+    viscous: Annotated[Damping, Key("Viscous friction of the motor.", "the slope of torque over speed of a warm axis, "
+        "over ratio^2 on the motor's side; fm_NAME of a fit finds it, from a start that is not 0.")] = 0.0
+    coulomb: Annotated[Torque, Key("Coulomb friction of the motor, dry friction of one level.", "half the torque "
+        "between slow motion up and down; used by simulation, a linear fit does not see it.")] = 0.0
+    spring: Annotated[Spring | None, Key("Spring of the motor's shaft, before all gears, on the motor side; in series "
+        "with the joint's own.", "for belts and couplings between motor and gear that swing by themselves, mostly "
+        "above 50 Hz.")] = None
+    on: Annotated[str, Key("Body that carries the motor. The rotor then takes part in the carrier's rotation, T = "
+        "inertia (axis . omega + ratio q_m')^2 / 2, and the carrier's mass and inertia hold the rest of it: all of its "
+        "mass, and its inertia but for that about its own axis. Without a carrier the rotor turns about its own axis "
+        "only, and the carrier holds all of it.", "for motors in the arm, wrist motors above all; with ratios of 100 "
+        "and more the effect on modes is a few percent.")] = ""
+    axis: Annotated[Axis | None, Key("Axis of the rotor in the axes of the carrier: the direction about which the "
+        "rotor turns where the motor does; given with `on`, and not without.", "for motors across their joint, behind "
+        "bevel gears or belts; the sign counts with that of ratio.")] = None
+    friction: Annotated[Friction | None, Key("Dry friction of the motor by any law, in place of coulomb.",
+        "for studies of friction, whose export writes it; `coulomb` is enough for an elastic one.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse numbers that no motor can have."""

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Angle, InUnit, Length
 
 Axis: TypeAlias = Literal["x", "y", "z"] | tuple[float, float, float]
@@ -33,15 +33,14 @@ def unit_axis(axis: Axis) -> FloatArray:
 
 @section
 class Placement:
-    """Where something sits in its parent.
+    """Translation and rotation of a frame in its parent."""
 
-    xyz: translation in the parent's axes. -- along the parent's axes, before any turn of the child.
-    rpy: roll, pitch, yaw about fixed axes, after the translation. -- keep to one angle where possible; URDF uses the
-    same order, most robot controllers another.
-    """
-
-    xyz: Vector3 = (0.0, 0.0, 0.0)
-    rpy: Angles3 = (0.0, 0.0, 0.0)
+    # fmt: off
+    xyz: Annotated[Vector3, Key("Translation in the parent's axes.", "along the parent's axes, before any turn of the "
+        "child.")] = (0.0, 0.0, 0.0)
+    rpy: Annotated[Angles3, Key("Roll, pitch and yaw about fixed axes, after the translation.", "keep to one angle "
+        "where possible; URDF uses the same order, most robot controllers another.")] = (0.0, 0.0, 0.0)
+    # fmt: on
 
     @classmethod
     def of(cls, rotation: FloatArray, translation: FloatArray) -> Placement:

@@ -4,39 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Damping, InUnit, JointVelocity, Stiffness
 
 
 @section
-class Dahl:
-    """Bristles that break at the Coulomb level; no Stribeck effect.
-
-    stiffness: sigma_0 of the bristles. -- coulomb over the angle in which friction builds up after a reversal, 1e-5 to
-    1e-3 rad at a motor.
-    """
-
-    stiffness: Stiffness
-
-    def __post_init__(self) -> None:
-        """Refuse bristles that push."""
-        require_positive("dahl: stiffness (sigma_0)", self.stiffness)
-
-
-@section
 class LuGre:
-    """Bristles under a Stribeck curve.
+    """Bristles under a Stribeck curve."""
 
-    stiffness: sigma_0 of the bristles. -- level over the bend before sliding; larger asks for more substeps.
-    damping: sigma_1 of the bristles. -- about the root of stiffness times inertia, so that sticking does not ring; too
-    large a one is not passive.
-    damping_velocity: v_d, with which their damping falls, sigma_1 exp(-(v / v_d)^2); default: constant. -- where
-    damping at speed would add to viscous friction; at most 9.3 coulomb / damping keeps it passive.
-    """
-
-    stiffness: Stiffness
-    damping: Damping = 0.0
-    damping_velocity: JointVelocity | None = None
+    # fmt: off
+    stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "coulomb over the angle in which "
+        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor; larger asks for more substeps.")]
+    damping: Annotated[Damping, Key("Damping sigma_1 of the bristles.", "about the root of stiffness times inertia, so "
+        "that sticking does not ring; too large a one is not passive.")] = 0.0
+    damping_velocity: Annotated[JointVelocity | None, Key("Velocity v_d with which the bristles' damping falls, "
+        "sigma_1 exp(-(v / v_d)^2); default: constant.", "where damping at speed would add to viscous friction; at "
+        "most 9.3 coulomb / damping keeps it passive.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse bristles that push."""
@@ -48,24 +32,22 @@ class LuGre:
 
 @section
 class MaxwellSlip:
-    """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve.
+    """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve."""
 
-    stiffness: sigma_0 of every element. -- one number for each element; those that are stiff for their share slip
-    first.
-    shares: nu of every element, 1 in sum. -- as many as stiffnesses; equal ones are a good start by hand.
-    attraction: C, how fast the torque of a slipping element goes to its level. -- larger reaches the level sooner after
-    break-away and is stiffer to integrate.
-    damping: sigma_1 of every element (default: none). -- some for each element against ringing at standstill; none for
-    quasi-static loops.
-    switching: `smooth` between sticking and slipping without a memory of its own, or by `events`. -- `events` to
-    compare with the textbook model; `smooth` where solvers need derivatives.
-    """
-
-    stiffness: tuple[Stiffness, ...]
-    shares: tuple[float, ...]
-    attraction: Annotated[float, InUnit("N*m/s", "N/s")]
-    damping: tuple[Damping, ...] = ()
-    switching: Literal["smooth", "events"] = "smooth"
+    # fmt: off
+    stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness sigma_0 of every element.", "one number for each "
+        "element; those that are stiff for their share slip first.")]
+    shares: Annotated[tuple[float, ...], Key("Share nu of every element in the torque, 1 in sum.", "as many as "
+        "stiffnesses; equal ones are a good start by hand.")]
+    attraction: Annotated[Annotated[float, InUnit("N*m/s", "N/s")], Key("Attraction C: rate at which the torque of a "
+        "slipping element approaches its level.", "larger reaches the level sooner after break-away and is stiffer to "
+        "integrate.")]
+    damping: Annotated[tuple[Damping, ...], Key("Damping sigma_1 of every element (default: none).", "some for each "
+        "element against ringing at standstill; none for quasi-static loops.")] = ()
+    switching: Annotated[Literal["smooth", "events"], Key("Switching between sticking and slipping: `smooth`, without "
+        "a memory of its own, or by `events`.", "`events` to compare with the textbook model; `smooth` where solvers "
+        "need derivatives.")] = "smooth"
+    # fmt: on
 
     def __post_init__(self) -> None:
         """As many numbers as elements, shares that sum to one."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, UnknownNameError
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
 from elastid.robot.gravity_compensator import Compensator
@@ -30,40 +31,35 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 class Robot:
     """A tree of bodies with joints, closed into loops, and everything that is attached to it.
 
-    name: of the robot. -- a new one for each set of numbers, so that reports cannot be mixed up.
-    bodies: each listed after its parent. -- one for each part that moves by itself; springs in series are joints of one
-    body.
-    gravity: acceleration in the base frame. -- for a robot on a wall or the ceiling; [0, 0, 0] shows what gravity does
-    to springs and postures.
-    source: where the numbers come from; free text. -- paper and table, date of a measurement, or the word synthetic;
-    exports carry it on.
-    frames: named frames of bodies, such as the tool. -- one for each sensor, and `tool` for singular postures and
-    payload.
-    payload: carried at one of them. -- change it, not the last link, for another tool, since its parameters are then
-    apart.
-    loops: join bodies that the tree does not. -- for parallel linkages and closed gears; leave them out for a first
-    serial fit.
-    compensators: coils and gas springs that carry part of the weight. -- where a coil or gas spring holds an arm: it
-    adds stiffness to its axis that would else be laid to the gear.
-    gears: couplings through which one axis turns the motor of another. -- for wrists, whose motors turn together; a
-    missing coupling shows as torque of one motor on the joint of another.
-    chain: of measurement, around all of it. -- where phase falls with frequency more than the delay explains: filters
-    of drives and sensors.
-
     Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
     does not exist or that its joint does not move against, gear ratios that form a singular matrix.
     """
 
-    name: str
-    bodies: tuple[Body, ...]
-    gravity: Acceleration3 = (0.0, 0.0, -9.81)
-    source: str = ""
-    frames: tuple[Frame, ...] = ()
-    payload: Payload | None = None
-    loops: tuple[Loop, ...] = ()
-    compensators: tuple[Compensator, ...] = ()
-    gears: tuple[GearCoupling, ...] = ()
-    chain: Chain = Chain()
+    # fmt: off
+    name: Annotated[str, Key("Name of the robot.", "a new one for each set of numbers, so that reports cannot be mixed "
+        "up.")]
+    bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one for each "
+        "part that moves by itself; springs in series are joints of one body.")]
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "for a robot on a wall or the "
+        "ceiling; [0, 0, 0] shows what gravity does to springs and postures.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "paper and table, date of a "
+        "measurement, or the word synthetic; exports carry it on.")] = ""
+    frames: Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each sensor, "
+        "and `tool` for singular postures and payload.")] = ()
+    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "change it, "
+        "not the last link, for another tool, since its parameters are then apart.")] = None
+    loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies that the tree of bodies lacks.",
+        "for parallel linkages and closed gears; leave them out for a first serial fit.")] = ()
+    compensators: Annotated[tuple[Compensator, ...], Key("Gravity compensators: coil and gas springs that carry part "
+        "of the weight.", "where a coil or gas spring holds an arm: it adds stiffness to its axis that would else be "
+        "attributed to the gear.")] = ()
+    gears: Annotated[tuple[GearCoupling, ...], Key("Gear couplings, through which one axis turns the motor of another.",
+        "for wrists, whose motors turn together; a missing coupling shows as torque of one motor on the joint of "
+        "another.")] = ()
+    chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters around the "
+        "mechanics.", "where phase falls with frequency more than the delay explains: filters of drives and "
+        "sensors.")] = Chain()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check the tree, then everything attached to it."""

@@ -14,8 +14,9 @@ spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
 from elastid.robot.named_numbers import Numbers
 
@@ -33,34 +34,30 @@ _OF_BACKLASH = (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1"))
 class Spring:
     """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
 
-    stiffness: k of Delta; with backlash, beyond the gap. -- the catalogue's torsional stiffness of the gear, at medium
-    torque, or 1e5 to 1e6 N*m/rad for axes of large robots; the fit starts there.
-    damping: d of the deflection's rate. -- start with 1e-3 s times the stiffness; a damping of 0 stays 0 in a fit,
-    unless fit.parameters names d_NAME with a start.
-    quadratic: k2 of Delta^2, which makes one direction stiffer. -- for springs that differ between pulling directions,
-    as cable drives; tell it by postures with opposite gravity.
-    symmetric_quadratic: k2s of Delta |Delta|. -- for gears that stiffen in proportion to load, alike both ways, such as
-    strain wave gears.
-    cubic: k3 of Delta^3. -- for the smooth stiffening of the textbooks; a multisine that deflects by sigma adds about 3
-    k3 sigma^2 to k.
-    backlash: b, half the gap. -- for worn gears and rack drives; seen only where gravity does not hold the flanks
-    together.
-    inner_stiffness: k_i inside the gap. -- above 0 for gears that are merely softer about zero torque, as strain wave
-    gears are.
-    rounding: e / b, the part of b over which the flanks take hold. -- smaller for hard flanks, with more substeps in
-    simulation; 0.1 keeps derivatives that the solver can use.
-
     Optional terms that are left out have no name among the parameters.
     """
 
-    stiffness: Stiffness
-    damping: Damping = 0.0
-    quadratic: QuadraticStiffness | None = None
-    symmetric_quadratic: QuadraticStiffness | None = None
-    cubic: CubicStiffness | None = None
-    backlash: JointPosition | None = None
-    inner_stiffness: Stiffness = 0.0
-    rounding: Ratio = 0.1
+    # fmt: off
+    stiffness: Annotated[Stiffness, Key("Stiffness k of the deflection; with backlash, beyond the gap.",
+        "the catalogue's torsional stiffness of the gear, at medium torque, or 1e5 to 1e6 N*m/rad for axes of large "
+        "robots; the fit starts there.")]
+    damping: Annotated[Damping, Key("Damping d of the deflection's rate.", "start with 1e-3 s times the stiffness; a "
+        "damping of 0 stays 0 in a fit, unless fit.parameters names d_NAME with a start.")] = 0.0
+    quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 of Delta^2, which makes one direction "
+        "stiffer.", "for springs that differ between pulling directions, as cable drives; postures with opposite "
+        "gravity identify it.")] = None
+    symmetric_quadratic: Annotated[QuadraticStiffness | None, Key("Symmetric quadratic stiffness k2s of Delta |Delta|.",
+        "for gears that stiffen in proportion to load, equally both ways, such as strain wave gears.")] = None
+    cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 of Delta^3.", "for the smooth stiffening of the "
+        "textbooks; a multisine that deflects by sigma adds about 3 k3 sigma^2 to k.")] = None
+    backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap.", "for worn gears and rack drives; seen "
+        "only where gravity does not hold the flanks together.")] = None
+    inner_stiffness: Annotated[Stiffness, Key("Stiffness k_i inside the gap of the backlash.", "above 0 for gears that "
+        "are merely softer about zero torque, as strain wave gears are.")] = 0.0
+    rounding: Annotated[Ratio, Key("Rounding e / b of the backlash, the part of b over which the flanks take hold.",
+        "smaller for hard flanks, with more substeps in simulation; 0.1 keeps derivatives that the solver can "
+        "use.")] = 0.1
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a spring whose torque does not grow with its deflection."""

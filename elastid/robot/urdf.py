@@ -11,12 +11,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.joint import Joint, Limits
@@ -31,47 +32,42 @@ _MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "trans
 
 @section
 class UrdfJoint:
-    """Properties of a joint that a URDF does not hold.
+    """Properties of a joint that a URDF does not hold."""
 
-    spring: of its gear, or of an elastic joint. -- for every gear whose elasticity is looked for; a driven joint
-    without one is rigid.
-    motor: drives it. -- for every driven joint; its inertia times ratio^2 often exceeds that of the links.
-    elastic: further elastic joints behind it, in the link's axes. -- bending and tilting that URDF has no joint for.
-    viscous: friction, in the place of that of the file. -- where the file's damping is a placeholder, as it often is
-    for the sake of simulators.
-    limits: in the place of those of the file. -- where cell or test allow less than the file.
-    """
-
-    spring: Spring | None = None
-    motor: Motor | None = None
-    elastic: tuple[Joint, ...] = ()
-    viscous: Damping | None = None
-    limits: Limits | None = None
+    # fmt: off
+    spring: Annotated[Spring | None, Key("Spring of the joint's gear, or of an elastic joint.", "for every gear whose "
+        "elasticity is looked for; a driven joint without one is rigid.")] = None
+    motor: Annotated[Motor | None, Key("Motor that drives the joint.", "for every driven joint; its inertia times "
+        "ratio^2 often exceeds that of the links.")] = None
+    elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints behind it, in the link's axes.", "bending and "
+        "tilting that URDF has no joint for.")] = ()
+    viscous: Annotated[Damping | None, Key("Viscous friction, in place of that of the file.", "where the file's "
+        "damping is a placeholder, as it often is for the sake of simulators.")] = None
+    limits: Annotated[Limits | None, Key("Limits, in place of those of the file.", "where cell or test allow less than "
+        "the file.")] = None
+    # fmt: on
 
 
 @section
 class UrdfRobot:
-    """A URDF file and the properties that it does not hold.
+    """A URDF file and the properties that it does not hold."""
 
-    urdf: path of the file, relative to this one. -- keep it beside the robot's file; xacro must be expanded first.
-    joints: by the names of the file, all that move. -- every moving joint of the file, if only as {}: this is where
-    motors and springs are added.
-    name: of the robot (default: that of the file). -- where two robots of one type need names of their own.
-    gravity: acceleration in the base frame. -- along -z of the base as in most URDFs; change it for a wall or a
-    ceiling.
-    source: where the numbers come from; free text. -- where springs and motors come from, since the URDF has none.
-    frames: further named frames. -- sensor places that no link of the file marks; links without mass are frames
-    already.
-    payload: carried at one of them. -- tool and load that the file does not contain.
-    """
-
-    urdf: str
-    joints: dict[str, UrdfJoint]
-    name: str = ""
-    gravity: Acceleration3 = (0.0, 0.0, -9.81)
-    source: str = ""
-    frames: tuple[Frame, ...] = ()
-    payload: Payload | None = None
+    # fmt: off
+    urdf: Annotated[str, Key("Path of the URDF file, relative to this one.", "keep it next to the robot's file; xacro "
+        "must be expanded first.")]
+    joints: Annotated[dict[str, UrdfJoint], Key("Properties of all joints that move, by their names in the URDF.",
+        "every moving joint of the file, if only as {}: this is where motors and springs are added.")]
+    name: Annotated[str, Key("Name of the robot (default: that of the URDF).", "where two robots of one type need "
+        "names of their own.")] = ""
+    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "along -z of the base as in "
+        "most URDFs; change it for a wall or a ceiling.")] = (0.0, 0.0, -9.81)
+    source: Annotated[str, Key("Source of the robot's numbers, as free text.", "where springs and motors come from, "
+        "since the URDF has none.")] = ""
+    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "sensor places that no link of "
+        "the file marks; links without mass are frames already.")] = ()
+    payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "tool and "
+        "load that the file does not contain.")] = None
+    # fmt: on
 
     def robot(self, folder: Path) -> Robot:
         """The robot; ValueError without its file, StudyError with `file:line` where that cannot be read as one."""

@@ -19,7 +19,6 @@ from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
 from elastid.simulation.friction_states import Contacts
 from elastid.simulation.sampled_step import N_STATES, sampled_step
-from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK_SAMPLES = 1000
@@ -29,9 +28,6 @@ BY_FOURS = {"base": 4}
 
 # rad (or m) on the link side: a motor this far from its reference is lost.
 MAX_TRACKING_ERROR = 2 * np.pi
-
-# The loops of a linkage closed by projection alone.
-PROJECTED = StabilisationSpec()
 
 
 @frozen_value(eq=False)
@@ -93,15 +89,14 @@ def closed_loop(
     rate_hz: float,
     substeps: int,
     drives: Drives,
-    loops: StabilisationSpec = PROJECTED,
     samples: int = 0,
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
-    substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.  samples: about how many
-    will be simulated by a compiled step, 0 by an interpreted one.
+    substeps: Runge-Kutta steps in a sample.  samples: about how many will be simulated by a compiled step, 0 by an
+    interpreted one.
     """
-    sample = sampled_step(model, contacts, rate_hz, substeps, drives, loops)
+    sample = sampled_step(model, contacts, rate_hz, substeps, drives)
     function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, BY_FOURS)
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)

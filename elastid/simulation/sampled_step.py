@@ -17,7 +17,6 @@ from elastid.simulation.controller import feedback
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
 from elastid.simulation.friction_states import Contacts
-from elastid.simulation.spec import StabilisationSpec
 
 # Results of a sample that the next one starts from: q, v, states of friction and drives, integral, last reading.
 N_STATES = 6
@@ -29,18 +28,17 @@ def sampled_step(
     rate_hz: float,
     substeps: int,
     drives: Drives,
-    loops: StabilisationSpec,
 ) -> ca.Function:
     """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
 
-    substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.
+    substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
     """
     sizes = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
     sizes |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
     sizes |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
     given = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
     control, drive = _control(model, drives, rate_hz), _drive(drives, 1 / (rate_hz * substeps))
-    accelerate, advance = _acceleration(model, contacts, drives, loops), _advance(model, contacts)
+    accelerate, advance = _acceleration(model, contacts, drives), _advance(model, contacts)
 
     def acceleration(q: ca.MX, v: ca.MX, z: ca.MX, torque: ca.MX) -> ca.MX:
         return accelerate(q, v, z, torque, given["disturbance"], given["curves"])
@@ -53,7 +51,7 @@ def sampled_step(
     for _ in range(substeps):
         *torques, w = drive(w, u)
         q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps))
-    if model.n_c and loops.project:
+    if model.n_c:
         q, v = projection(model)(q, v)
     return ca.Function("sample", [*given.values()], [q, v, z, w, integral, reading, u])
 
@@ -89,14 +87,14 @@ def _drive(drives: Drives, step: float) -> ca.Function:
     return ca.Function("drive", [w, u], [*(torque for torque, _ in found), found[-1][1]])
 
 
-def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, loops: StabilisationSpec) -> ca.Function:
+def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives) -> ca.Function:
     """(q, v, z, torque, disturbance, curves) -> q'', the torque that of the drives (n_u,), link side."""
     q, v, z = (ca.SX.sym(name, n) for name, n in (("q", model.n_q), ("v", model.n_q), ("z", contacts.n_states)))
     torque, disturbance = ca.SX.sym("torque", model.n_u), ca.SX.sym("disturbance", model.n_u)
     curves = ca.SX.sym("curves", len(contacts.curves))
     B, (E, E_inverse) = ca.DM(model.B), shafts(model)
     driving = E.T @ drives.on_motors(E_inverse.T @ torque, E @ B.T @ q) + disturbance
-    a = free_acceleration(model, loops.alpha, loops.beta)(q, v, B @ driving - contacts.torque(v, z, curves))
+    a = free_acceleration(model)(q, v, B @ driving - contacts.torque(v, z, curves))
     return ca.Function("acceleration", [q, v, z, torque, disturbance, curves], [ca.densify(a)], {"cse": True})
 
 

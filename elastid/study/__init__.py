@@ -2,21 +2,20 @@
 
 The only room that knows YAML and pydantic.
 
-- yaml_source:  text -> plain data and the place of every key
-- sections:     Study, which gathers the sections that live beside the code that uses them
-- reference:    every key with its places, its type in words and its text
+- source:       text -> plain data and the place of every key
+- sections:     Study and FleetSpec, which gather the sections that live in the rooms that use them
+- reference:    every key with its places, its type in words and its text; schema for editors, `elastid explain`
 - messages:     plain data -> a section, or one readable sentence for each error
 - quantities:   numbers of parameters into SI
 - checks:       contradictions between sections, one file a section
-- robots:       a robot's file in any of its forms -> Robot
-- robot_text:   a Robot -> the text of its file
+- robots:       a robot's file in any of its forms -> Robot, and back
 - loading:      file -> Study, overrides of the command line included
-- schema:       JSON Schema for editors
+- fleet:        a fleet's file -> its members
 """
 
 from elastid.study.loading import LoadedStudy, load
+from elastid.study.reference import SCHEMA_NAME, make_schema
 from elastid.study.robots import load_robot
-from elastid.study.schema import SCHEMA_NAME, make_schema
 from elastid.study.sections import Study
 
 load_study = load  # its public name, where it stands alone

@@ -7,78 +7,17 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from datetime import date
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError
-from elastid.base.section import section
 from elastid.study.messages import Problem, make_error, validate
-from elastid.study.sections import check_file_name
-from elastid.study.yaml_source import read_source
+from elastid.study.sections import FleetSpec, MemberSpec
+from elastid.study.source import read_source
 
 # Columns of a table that are no keys of the study.
 ROBOT, DATE = "robot", "date"
-
-
-@section
-class MemberSpec:
-    """One robot on one date.
-
-    robot: its name. -- the serial number rather than a place in the hall, since trends follow it over the years.
-    date: when it was measured, year-month-day. -- that of the measurement, not of the analysis; two dates of one robot
-    make a trend, and three show whether it is steady.
-    set: keys of the study that are its own, dotted. -- paths of logs above all, such as
-    experiment.recorded.files.0.path; other keys only where this robot differs in fact.
-    """
-
-    robot: str
-    date: str
-    set: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """A name that can name a folder, and a date."""
-        check_file_name(self.robot)
-        try:
-            date.fromisoformat(self.date)
-        except ValueError:
-            raise ValueError(f"date is '{self.date}'; write it as year-month-day, for example 2026-03-31") from None
-
-
-@section
-class FleetSpec:
-    """One study over robots and dates.
-
-    name: of the fleet. -- it names the run folder; a fleet that grows keeps its name, and only new members are run.
-    study: path of the study that every member runs, relative to this file. -- one that runs well for a single member;
-    keys that differ between members are overridden by `set`.
-    members: listed here. -- for a few robots whose keys differ; a table is easier to keep from ten on.
-    table: CSV file with columns robot, date and keys of the study, a row each member. -- where a spreadsheet or a data
-    base lists the measurements: a column for each key that differs.
-    folders: pattern of folders, a member each, such as logs/{robot}/{date}. -- where logs are filed by robot and date
-    already; every folder that fits the pattern is a member.
-    set: keys of the study for all members; {robot}, {date} and {folder} stand for those of the member. -- for what is
-    common to all members and not to the study, such as fewer starts; with {folder} the paths of logs.
-    false_discovery_rate: share of the differences and trends that are reported which may be chance. -- lower, 0.01,
-    where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty may be chance.
-    """
-
-    name: str
-    study: str
-    members: tuple[MemberSpec, ...] = ()
-    table: str | None = None
-    folders: str | None = None
-    set: dict[str, Any] = field(default_factory=dict)
-    false_discovery_rate: float = 0.05
-
-    def __post_init__(self) -> None:
-        """One source of members, and a rate."""
-        check_file_name(self.name)
-        if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
-            raise ValueError("give the members by one of members, table and folders")
-        if not 0 < self.false_discovery_rate < 1:
-            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it lies between 0 and 1")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from elastid.study.messages import make_error, validate
 from elastid.study.quantities import convert_to_si
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath, Place, YamlSource, parse, read_source
+from elastid.study.source import KeyPath, Place, YamlSource, parse, read_source
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.study.reference import describe, names_in, type_at, words_in
-from elastid.study.yaml_source import KeyPath, Place, YamlSource, first_of
+from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]
 

@@ -17,7 +17,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 # Value in SI and unit of each parameter.
 Table: TypeAlias = Mapping[str, tuple[float, str]]

@@ -1,9 +1,6 @@
-"""Keys of a study: where each may stand, its type in words, its default, and its text.
+"""Keys of a study: where each may stand, its type in words, its text and default, for editors, terminal and pages.
 
-The text of a key stands in the docstring of its section as `key: text -- advice`, or `key, other: text -- advice` where
-several share one: at the start of a line, or two spaces behind the sentence before it. It ends at the next key or at an
-empty line; the rest of the docstring is the text of the section. The advice says when to change the key and what
-happens then. JSON Schema takes its descriptions from here.
+The text of a key stands in the annotation of its field (`elastid.base.section.Key`).
 """
 
 from __future__ import annotations
@@ -12,34 +9,38 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache
+from textwrap import fill
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from pydantic import TypeAdapter
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.section import Key
 from elastid.base.units import InUnit
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.urdf import UrdfRobot
-from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.sections import FleetSpec, Study
+from elastid.study.source import KeyPath
 
 # The forms of a robot's file; a study names the file, or holds the robot itself.
 ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
-
-# Between the text of a key and the advice.
-ADVICE = " -- "
-# Above the advice; of a key that must be given where True.
-HEADINGS = {True: "How to choose it", False: "When to change it"}
+# The name under which `elastid new` writes the schema into the folder of a study, whose first line refers to it.
+SCHEMA_NAME = "study.schema.json"
 
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+_WIDTH = 100
 
 
 @dataclass(frozen=True)
-class Key:
+class StudyKey:
     """One key of a study at one of its places, such as experiment.recorded.files[].samples.
 
     `[]` stands for the number of an entry, `<name>` for a name that the study chooses.  section: the class that has the
-    key.  advice: when to change it, and what happens then.  default: MISSING where the key is needed.
+    key.  advice: when to change it, and the effect.  default: MISSING where the key is needed.
     """
 
     path: str
@@ -51,12 +52,41 @@ class Key:
     default: Any
 
     @property
-    def advice_heading(self) -> str:
-        """Above the advice: a key without a default is chosen, any other is changed."""
-        return HEADINGS[self.default is MISSING]
+    def full_advice(self) -> str:
+        """The advice with its heading: a key without a default is chosen, any other is changed."""
+        return f"{'How to choose it' if self.default is MISSING else 'When to change it'}: {self.advice}"
 
 
-def list_keys() -> Iterator[Key]:
+def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
+    """The keys of one section.  path: before their names."""
+    hints = _hints(section)
+    for f in fields(section):
+        key = next(mark for mark in hints[f.name].__metadata__ if isinstance(mark, Key))
+        default = f.default if f.default_factory is MISSING else f.default_factory()
+        yield StudyKey(path + f.name, section, f.name, hints[f.name], key.text, key.advice, default)
+
+
+@cache
+def _hints(section: type) -> dict[str, Any]:
+    """The annotations of a section's fields."""
+    return get_type_hints(section, include_extras=True)
+
+
+def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
+    """Every key of the sections that an annotation allows, and of those below them; path: before their names."""
+    for option in _options(annotation):
+        arguments, origin = get_args(option), get_origin(option)
+        if origin is tuple:
+            yield from keys_below(arguments[0], f"{path[:-1]}[].")
+        elif origin is dict:
+            yield from keys_below(arguments[1], f"{path}<name>.")
+        elif is_dataclass(option) and isinstance(option, type):
+            for key in keys_of(option, path):
+                yield key
+                yield from keys_below(key.annotation, f"{key.path}.")
+
+
+def list_keys() -> Iterator[StudyKey]:
     """Every key of a study and of a robot's file in each of its forms, in the order of the sections."""
     yield from keys_below(Study, "")
     for form in ROBOT_FORMS[1:]:
@@ -68,49 +98,9 @@ def list_sections() -> Mapping[str, type]:
     return {section.__name__: section for section in (Study, *ROBOT_FORMS, *(key.section for key in list_keys()))}
 
 
-def texts_of(section: type) -> tuple[str, Mapping[str, str]]:
-    """The text of a section, and of each key that its docstring names, without the advice."""
-    own, texts = _read(section)
-    return own, {key: text for key, (text, _) in texts.items()}
-
-
-def advice_of(section: type) -> Mapping[str, str]:
-    """The advice on each key of a section whose docstring gives one: when to change it, and what happens then."""
-    return {key: advice for key, (_, advice) in _read(section)[1].items() if advice}
-
-
-@cache
-def _read(section: type) -> tuple[str, Mapping[str, tuple[str, str]]]:
-    """The text of a section, and the text and advice of each key."""
-    doc = inspect.getdoc(section) or ""
-    names = "|".join(f.name for f in fields(section))
-    begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*):\s", re.MULTILINE)
-    own: list[str] = []
-    texts: dict[str, tuple[str, str]] = {}
-    for paragraph in doc.split("\n\n"):
-        keys = [m for m in begins.finditer(paragraph) if paragraph[: m.start()].rstrip()[-1:] in ("", ".", ")")]
-        ends = [*(match.start() for match in keys), len(paragraph)]
-        own.append(paragraph[: ends[0]])
-        for match, end in zip(keys, ends[1:], strict=True):
-            text, _, advice = " ".join(paragraph[match.end() : end].split()).partition(ADVICE)
-            texts |= dict.fromkeys(match[1].split(", "), (text, advice))
-    return " ".join(" ".join(own).split()), texts
-
-
-def keys_below(annotation: Any, path: str) -> Iterator[Key]:
-    """Every key of the sections that an annotation allows, and of those below them; path: before their names."""
-    for option in _options(annotation):
-        arguments, origin = get_args(option), get_origin(option)
-        if origin is tuple:
-            yield from keys_below(arguments[0], f"{path[:-1]}[].")
-        elif origin is dict:
-            yield from keys_below(arguments[1], f"{path}<name>.")
-        elif is_dataclass(option) and isinstance(option, type):
-            hints, (_, texts) = get_type_hints(option, include_extras=True), _read(option)
-            for f in fields(option):
-                default = f.default if f.default_factory is MISSING else f.default_factory()
-                yield Key(path + f.name, option, f.name, hints[f.name], *texts.get(f.name, ("", "")), default)
-                yield from keys_below(hints[f.name], f"{path}{f.name}.")
+def text_of(section: type) -> str:
+    """The text of a section, in one line."""
+    return " ".join((inspect.getdoc(section) or "").split())
 
 
 def type_at(root: Any, path: KeyPath) -> Any:
@@ -120,16 +110,14 @@ def type_at(root: Any, path: KeyPath) -> Any:
     return root
 
 
+def sections_in(annotation: Any) -> list[type]:
+    """The sections that an annotation allows."""
+    return [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
+
+
 def names_in(annotation: Any) -> list[str]:
     """The keys of the section that an annotation allows."""
-    return [f.name for option in _options(annotation) if is_dataclass(option) for f in fields(option)]
-
-
-def names_of_each(annotation: Any) -> list[str]:
-    """The keys of each entry of the list, or of each name of the mapping, that an annotation allows."""
-    listed = [get_args(option)[0] for option in _options(annotation) if get_origin(option) is tuple]
-    named = [get_args(option)[1] for option in _options(annotation) if get_origin(option) is dict]
-    return [name for each in (*listed, *named) for name in names_in(each)]
+    return [f.name for section in sections_in(annotation) for f in fields(section)]
 
 
 def words_in(annotation: Any) -> list[str]:
@@ -149,16 +137,14 @@ def describe(annotation: Any) -> str:
 def _describe(option: Any, with_example: bool = True) -> str:
     arguments, origin = get_args(option), get_origin(option)
     if origin is Annotated:
-        unit = next((" or ".join(mark.units) for mark in arguments if isinstance(mark, InUnit)), None)
-        if unit is None:
-            return describe(arguments[0])
-        return f"a number in {unit}" + (f" or a text such as '1 {unit.split()[0]}'" if with_example else "")
+        units = next(mark.units for mark in arguments if isinstance(mark, InUnit))
+        return f"a number in {' or '.join(units)}" + (f" or a text such as '1 {units[0]}'" if with_example else "")
     if origin is Literal:
         return f"one of {', '.join(str(word) for word in arguments)}"
-    if origin is tuple and arguments[1:] == (...,):
-        return f"a list, each {_each(arguments[0])}"
     if origin is tuple:
-        return f"a list of {len(arguments)}, each {_each(arguments[0])}"
+        count = "" if arguments[1:] == (...,) else f" of {len(arguments)}"
+        entries = dict.fromkeys(_describe(each, with_example=False) for each in _options(arguments[0]))
+        return f"a list{count}, each {' or '.join(entries)}"
     if origin is dict:
         return "a mapping of names"
     if is_dataclass(option):
@@ -167,13 +153,10 @@ def _describe(option: Any, with_example: bool = True) -> str:
     return _SCALARS[option]
 
 
-def _each(annotation: Any) -> str:
-    """The type of the entries of a list in words."""
-    return " or ".join(dict.fromkeys(_describe(option, with_example=False) for option in _options(annotation)))
-
-
 def _options(annotation: Any) -> list[Any]:
-    """The members of a union, None left out; one option where it is no union."""
+    """The members of a union, None and texts of keys left out; one option where it is no union."""
+    if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
+        return _options(annotation.__origin__)
     if get_origin(annotation) in (Union, UnionType):
         return [option for option in get_args(annotation) if option is not NoneType]
     return [annotation]
@@ -183,11 +166,156 @@ def _child(annotation: Any, step: str | int) -> Any:
     for option in _options(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if is_dataclass(option) and isinstance(option, type):
-            hints = get_type_hints(option, include_extras=True)
-            if step in hints:
-                return hints[str(step)]
+            if step in _hints(option):
+                return _hints(option)[str(step)]
         elif origin is dict:
             return arguments[1]
         elif origin is tuple and isinstance(step, int) and arguments:
             return arguments[0] if arguments[1:] == (...,) else arguments[min(step, len(arguments) - 1)]
     return Any
+
+
+def make_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
+    document = TypeAdapter(Study).json_schema()
+    definitions = document.pop("$defs")
+    for form in ROBOT_FORMS:
+        definition = TypeAdapter(form).json_schema()
+        definitions |= definition.pop("$defs")
+        definitions[form.__name__] = definition
+    for name, section in list_sections().items():
+        definition = document if section is Study else definitions[name]
+        definition["description"] = text_of(section)
+        for key in keys_of(section):
+            entry = definition["properties"][key.name]
+            units = f" {entry['description']}." if "description" in entry else ""
+            entry["description"] = f"{key.text}{units} {key.full_advice}"
+    document["properties"]["robot"] = {
+        "description": document["properties"]["robot"]["description"],
+        "anyOf": [{"type": "string"}, *({"$ref": f"#/$defs/{form.__name__}"} for form in ROBOT_FORMS)],
+    }
+    document["$defs"] = definitions
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_for_editors(document)}
+
+
+def _for_editors(node: Any) -> Any:
+    """A name such as 1 needs no quotes: a number may stand for a free text. Defaults that JSON lacks are left out."""
+    if isinstance(node, list):
+        return [_for_editors(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    plain = {key: _for_editors(value) for key, value in node.items()}
+    if plain.get("type") == "string" and not {"enum", "const", "pattern"} & plain.keys():
+        plain["type"] = ["string", "number"]
+    if any(word in str(plain.get("default", "")) for word in ("None", "inf")):  # no limit, or no value
+        del plain["default"]
+    return plain
+
+
+def explain(asked: str) -> str:
+    """The explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
+
+    Names that a study chooses and numbers of entries may be given or left out: fit.parameters.k_1.start,
+    experiment.recorded.files[0].samples.
+    """
+    keys = list(_matching(asked))
+    if not keys:
+        owner = "a fleet" if asked.startswith("fleet.") else "a study"
+        raise StudyError(f"{owner} has no key {asked}; {_nearest(asked)}")
+    return "\n\n".join(_explanation(key) for key in keys)
+
+
+def overview() -> str:
+    """The sections of a study in its order, a line each, and the commands that explain more."""
+    keys = list(keys_of(Study))
+    width = max(len(key.name) for key in keys)
+    lines = [
+        fill(key.text, _WIDTH, initial_indent=f"  {key.name:<{width}}  ", subsequent_indent=" " * (width + 4))
+        for key in keys
+    ]
+    return "\n".join(
+        [
+            "A study has these keys, in this order:",
+            *lines,
+            "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.",
+            "Keys of a robot's file are below robot (robot.bodies), of a fleet's file below fleet (fleet.members).",
+        ]
+    )
+
+
+def _explanation(key: StudyKey) -> str:
+    below = names_in(key.annotation)
+    entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in _options(key.annotation) if get_args(o)]
+    of_each = [name for entry in entries for name in names_in(entry)]
+    paragraphs = [key.text, f"Value: {describe(key.annotation)}.", f"Default: {_default(key.default)}."]
+    paragraphs += [key.full_advice] if key.advice else []
+    paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
+    paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
+    return "\n".join([key.path, *map(_indented, paragraphs)])
+
+
+def _indented(paragraph: str) -> str:
+    return fill(paragraph, _WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _default(value: Any) -> str:
+    """A default as a study would write it.
+
+    >>> _default((1.0, 2.0)), _default(None), _default(MISSING), _default(True)
+    ('[1, 2]', 'none', 'none, it must be given', 'true')
+    """
+    if value is MISSING:
+        return "none, it must be given"
+    if value is None or value == "":
+        return "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(_default(each) for each in value)}]"
+    return "{}" if is_dataclass(value) or value == {} else str(value)
+
+
+def _all_keys() -> Iterator[StudyKey]:
+    """Those of a study and of its robot, and those of a fleet's file below `fleet`."""
+    yield from list_keys()
+    yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
+    yield from keys_below(FleetSpec, "fleet.")
+
+
+def _matching(asked: str) -> Iterator[StudyKey]:
+    """The keys of that path, or else those whose path ends so, each path once; of a name the mapping that holds it."""
+    keys = {key.path: key for key in _all_keys()}.values()
+    wanted = _steps(asked)
+    if any(_begins(_steps(key.path), wanted) and _steps(key.path)[len(wanted) - 1] == "<name>" for key in keys):
+        wanted = wanted[:-1]
+    exact = [key for key in keys if _agree(_steps(key.path), wanted)]
+    yield from exact or (key for key in keys if _agree(_steps(key.path)[-len(wanted) :], wanted))
+
+
+def _nearest(asked: str) -> str:
+    """The end of a message: the nearest key where the path stops to exist, or of a single word the nearest of all."""
+    steps, paths = _steps(asked), [_steps(key.path) for key in _all_keys()]
+    known = max(range(len(steps)), key=lambda n: (any(_begins(path, steps[:n]) for path in paths), n))
+    siblings = dict.fromkeys(path[known] for path in paths if _begins(path, steps[:known]))
+    parent = "".join(f"{step}." for step in steps[:known])
+    close = get_close_matches(steps[known], siblings, n=1)
+    if close or len(steps) > 1:
+        return did_you_mean(parent + steps[known], [parent + name for name in ([*close] or siblings)])
+    ends = {path[-1]: ".".join(path) for path in reversed(paths)}
+    close = get_close_matches(asked, ends, n=1)
+    return f"did you mean '{ends[close[0]]}'?" if close else f"there are {', '.join(siblings)}"
+
+
+def _steps(path: str) -> list[str]:
+    return re.sub(r"\[\d*\]", "", path).split(".")
+
+
+def _begins(path: list[str], steps: list[str]) -> bool:
+    """A longer path that begins with these steps."""
+    return len(path) > len(steps) and _agree(path[: len(steps)], steps)
+
+
+def _agree(steps: list[str], wanted: list[str]) -> bool:
+    return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))

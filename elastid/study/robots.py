@@ -1,22 +1,27 @@
-"""A robot's file in any of its forms -> Robot: bodies and joints, Denavit-Hartenberg parameters, or a URDF.
+"""A robot's file in any of its forms -> Robot: bodies and joints, Denavit-Hartenberg parameters, or a URDF; and back.
 
 The keys `bodies`, `links` or `urdf` decide which.
 """
 
 from __future__ import annotations
 
+import io
+import math
 import os
-from dataclasses import replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedSeq
 
 from elastid.base.errors import StudyError
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.urdf import UrdfRobot
 from elastid.study.messages import Problem, make_error, validate
-from elastid.study.yaml_source import YamlSource, read_source
+from elastid.study.source import YamlSource, read_source
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -68,3 +73,39 @@ def _validated(source: YamlSource, kind: type) -> Any:
     if found:
         raise make_error(source, [replace(problem, path=("robot", *problem.path)) for problem in found])
     return value
+
+
+def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
+    """YAML of a robot, in SI, keys at their defaults left out; comments: lines at its head."""
+    yaml = YAML()
+    yaml.width = 100_000
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    stream = io.StringIO()
+    yaml.dump(_plain(robot), stream)
+    return "".join(f"# {line}\n" for line in comments) + stream.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, lists, numbers and texts; a number keeps all its digits."""
+    if is_dataclass(value) and not isinstance(value, type):
+        found = {}
+        for field in fields(value):
+            own, default = getattr(value, field.name), field.default
+            if field.default_factory is not MISSING:
+                default = field.default_factory()
+            if own is not None and (default is MISSING or own != default) and not _is_unlimited(own):
+                found[field.name] = _plain(own)
+        return found
+    if isinstance(value, tuple):
+        inner = CommentedSeq(map(_plain, value))
+        if all(not isinstance(each, dict) for each in inner):
+            inner.fa.set_flow_style()
+        return inner
+    if isinstance(value, bool | int | str):
+        return value
+    return float(value)
+
+
+def _is_unlimited(value: Any) -> bool:
+    """No limit, which a file cannot say but by leaving it out."""
+    return isinstance(value, float) and math.isinf(value)

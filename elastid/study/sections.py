@@ -1,14 +1,15 @@
-"""Study: the sections of one identification."""
+"""Study: the sections of one identification; and those of a fleet's file, one study over many robots and dates."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Literal, TypeAlias
+from dataclasses import field, replace
+from datetime import date
+from typing import Annotated, Any, Literal, TypeAlias
 
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -31,53 +32,44 @@ MAX_NAME_LENGTH = 100
 
 @section
 class Study:
-    """One identification, from the excitation to the report.
+    """One identification, from the excitation to the report."""
 
-    name: names the run folder. -- a new name for a changed copy keeps the run folder of the first, runs/NAME; without
-    it results of both would land in one.
-    seed: of everything that is drawn; the same seed gives the same results, bit for bit, for any number of processes.
-    -- another number repeats the whole study with other phases, noise and starts; numbers that then move by more than
-    their intervals are not to be trusted. 0 is as good as any.
-    robot: the path of its file, relative to the study, or the robot itself; left out where responses, recorded or from
-    elsewhere, are all that is asked for: places are then names. -- give it as soon as a model is to be fitted; left
-    out, the stages end with the responses and their report.
-    excitation: needed where the rig is simulated. -- leave it out for logs and responses, whose lines are found in the
-    data.
-    experiment: configurations, repetitions and the rig. -- it decides the kind of study: simulated to plan or to learn,
-    recorded for logs, responses where another program has estimated already.
-    design: chooses further configurations. -- give it before robot time is booked: chosen postures reach the intervals
-    of drawn ones in fewer measurements. Postures of your own stay beside the chosen ones.
-    estimator: from records to frequency responses. -- the defaults suit a closed-loop robot with several realisations;
-    change it for records without a period, or for fewer experiments than motors.
-    model: the equations that the fit uses. -- needed for linkages where another formulation is wanted; a serial robot
-    needs nothing here.
-    fit: parameters, weights and search. -- the first key to give is parameters, as soon as not every spring is to be
-    identified.
-    validation: data that judge the model. -- name one configuration as left out where five or more are measured; the
-    report then says how well the model predicts it.
-    compare: models of `elastid compare`. -- give variants of your own where a question about the structure is open,
-    such as a gear that may be rigid.
-    report: its figures. -- only for other formats of figures.
-    friction: of joints is identified, from passes and loops, in the place of elasticity from responses. -- give it for
-    a study of friction, whose stages are design, measure, levels, friction, follow and report.
-    filter: follows friction over the motions of a study of friction. -- {} makes the stage follow run with the
-    defaults; its keys are for other numbers than F_c, f and an offset, and for an axis that drifts faster.
-    """
-
-    name: str
-    experiment: ExperimentSpec
-    robot: Robot | None = None
-    excitation: MultisineSpec | None = None
-    design: DesignSpec | None = None
-    seed: int = 0
-    estimator: EstimatorSpec = EstimatorSpec()
-    model: ModelSpec = ModelSpec()
-    fit: FitSpec = FitSpec()
-    validation: ValidationSpec = ValidationSpec()
-    compare: CompareSpec = CompareSpec()
-    report: ReportSpec = ReportSpec()
-    friction: FrictionSpec | None = None
-    filter: FilterSpec | None = None
+    # fmt: off
+    name: Annotated[str, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the run "
+        "folder of the first, runs/NAME; without it results of both would land in one.")]
+    seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
+        "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
+        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.")] = 0
+    robot: Annotated[Robot | None, Key("Path of the robot's file, relative to the study, or the robot itself. Left out "
+        "where only responses are wanted, recorded or from elsewhere; places are then names.", "give it as soon as a "
+        "model is to be fitted; left out, the stages end with the responses and their report.")] = None
+    excitation: Annotated[MultisineSpec | None, Key("Multisine that excites the joints; needed where the rig is "
+        "simulated.", "leave it out for logs and responses, whose lines are found in the data.")] = None
+    experiment: Annotated[ExperimentSpec, Key("Configurations, repetitions and the rig: the measurement.", "it decides "
+        "the kind of study: simulated to plan or to learn, recorded for logs, responses where another program has "
+        "estimated already.")] = field(kw_only=True)
+    design: Annotated[DesignSpec | None, Key("Choice of further configurations before anything is measured.", "give it "
+        "before robot time is booked: chosen postures reach the intervals of drawn ones in fewer measurements. "
+        "Postures of your own are kept.")] = None
+    estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "the defaults suit "
+        "a closed-loop robot with several realisations; change it for records without a period, or for fewer "
+        "experiments than motors.")] = EstimatorSpec()
+    model: Annotated[ModelSpec, Key("Equations of motion that the fit uses.", "needed for linkages where another "
+        "formulation is wanted; a serial robot needs nothing here.")] = ModelSpec()
+    fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "the first key to "
+        "give is parameters, as soon as not every spring is to be identified.")] = FitSpec()
+    validation: Annotated[ValidationSpec, Key("Data that judge the fitted model.", "name one configuration as left out "
+        "where five or more are measured; the report then says how well the model predicts it.")] = ValidationSpec()
+    compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants of your own "
+        "where a question about the structure is open, such as a gear that may be rigid.")] = CompareSpec()
+    report: Annotated[ReportSpec, Key("Figures of the report.", "only for other formats of figures.")] = ReportSpec()
+    friction: Annotated[FrictionSpec | None, Key("Identification of the joints' friction from passes and loops, in "
+        "place of elasticity from responses.", "give it for a study of friction, whose stages are design, measure, "
+        "levels, friction, follow and report.")] = None
+    filter: Annotated[FilterSpec | None, Key("Kalman filter that follows friction over the motions of a study of "
+        "friction.", "{} makes the stage follow run with the defaults; its keys are for other numbers than F_c, f and "
+        "an offset, and for an axis that drifts faster.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse what random generators and folders refuse."""
@@ -148,6 +140,61 @@ class Study:
     def seeded_fit(self) -> FitSpec:
         """`fit` with the seed of the study unless it has its own."""
         return replace(self.fit, seed=self.seed) if self.fit.seed is None else self.fit
+
+
+@section
+class MemberSpec:
+    """One robot on one date."""
+
+    # fmt: off
+    robot: Annotated[str, Key("Name of the robot.", "the serial number rather than a place in the hall, since trends "
+        "follow it over the years.")]
+    date: Annotated[str, Key("Date of the measurement, year-month-day.", "that of the measurement, not of the "
+        "analysis; two dates of one robot make a trend, and three show whether it is steady.")]
+    set: Annotated[dict[str, Any], Key("Keys of the study that this member overrides, dotted.", "paths of logs above "
+        "all, such as experiment.recorded.files.0.path; other keys only where this robot differs in "
+        "fact.")] = field(default_factory=dict)
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """A name that can name a folder, and a date."""
+        check_file_name(self.robot)
+        try:
+            date.fromisoformat(self.date)
+        except ValueError:
+            raise ValueError(f"date is '{self.date}'; write it as year-month-day, for example 2026-03-31") from None
+
+
+@section
+class FleetSpec:
+    """One study over robots and dates."""
+
+    # fmt: off
+    name: Annotated[str, Key("Name of the fleet and of its run folder.", "it names the run folder; a fleet that grows "
+        "keeps its name, and only new members are run.")]
+    study: Annotated[str, Key("Path of the study that every member runs, relative to this file.", "one that runs well "
+        "for a single member; keys that differ between members are overridden by `set`.")]
+    members: Annotated[tuple[MemberSpec, ...], Key("Members of the fleet, listed here.", "for a few robots whose keys "
+        "differ; a table is easier to keep from ten on.")] = ()
+    table: Annotated[str | None, Key("CSV file with columns robot, date and keys of the study, a row each member.",
+        "where a spreadsheet or a data base lists the measurements: a column for each key that differs.")] = None
+    folders: Annotated[str | None, Key("Pattern of folders, a member each, such as logs/{robot}/{date}.", "where logs "
+        "are filed by robot and date already; every folder that fits the pattern is a member.")] = None
+    set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot}, {date} and {folder} stand for "
+        "those of the member.", "for what is common to all members and not to the study, such as fewer starts; with "
+        "{folder} the paths of logs.")] = field(default_factory=dict)
+    false_discovery_rate: Annotated[float, Key("Share of the reported differences and trends that may be chance.",
+        "lower, 0.01, where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty "
+        "may be chance.")] = 0.05
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """One source of members, and a rate."""
+        check_file_name(self.name)
+        if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
+            raise ValueError("give the members by one of members, table and folders")
+        if not 0 < self.false_discovery_rate < 1:
+            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it lies between 0 and 1")
 
 
 def joint_called(name: str, driven: Sequence[str]) -> str | None:

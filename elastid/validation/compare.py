@@ -30,7 +30,7 @@ from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.groups import SEPARATOR, is_group_key
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import MaskSpec
+from elastid.fit.weight_spec import FactorSpec
 from elastid.fit.weights.weights import weigh
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
@@ -64,8 +64,9 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     """Fit a variant without some configurations and compare its prediction with them."""
     kept, out = _divided(responses, task.left_out)
     variant = task.variant
-    masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
-    spec = replace(variant.fit, mask=masks)
+    weights = variant.fit.weights
+    factors = _factors(weights.factors, [r.configuration.name for r in kept])
+    spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
         result = fit_parameters(kept, variant.robot, spec, model=variant.model)
         modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
@@ -138,18 +139,18 @@ def _divided(
     return [response for response in responses if response.configuration.name not in left_out], out
 
 
-def _masks(masks: Sequence[MaskSpec], names: Sequence[str]) -> tuple[MaskSpec, ...]:
-    """The masks of these configurations."""
-    kept = []
-    for mask in masks:
-        there = tuple(name for name in mask.configurations if name in names)
-        if there or not mask.configurations:
-            kept.append(replace(mask, configurations=there))
-    return tuple(kept)
+def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:
+    """The factors of these configurations."""
+    chosen = []
+    for factor in factors:
+        configurations = tuple(name for name in factor.configurations if name in names)
+        if configurations or not factor.configurations:
+            chosen.append(replace(factor, configurations=configurations))
+    return tuple(chosen)
 
 
 def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSpec) -> LeftOut:
-    weights = weigh(measured, replace(spec, mask=_masks(spec.mask, [measured.configuration.name])))
+    weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
     off = agreement(measured, modelled, left_out=True)

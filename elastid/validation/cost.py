@@ -141,7 +141,8 @@ def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
     if excess.outlying > MIN_OUTLIER_COST_SHARE:
         return (
             f"One line in a hundred carries {100 * excess.outlying:.0f} % of the cost: single lines are far off, for "
-            "instance by interference or a grid of another rate; mask them with fit.mask, or choose a robust loss"
+            "instance by interference or a grid of another rate; leave them out with fit.weights.factors, or choose a "
+            "robust loss"
         )
     return (
         "Residuals of neighbouring lines are uncorrelated: the noise is probably larger than its estimate, for "

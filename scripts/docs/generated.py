@@ -16,8 +16,7 @@ from plain_text import escaped, restructured
 import elastid
 from elastid.app.cli import cli, run_command
 from elastid.store import described
-from elastid.study.explanation import explain
-from elastid.study.reference import Key, list_keys, texts_of
+from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 
 PACKAGE = Path(elastid.__file__).parent
@@ -63,7 +62,7 @@ def commands() -> str:
 def keys() -> dict[str, str]:
     """A page for each section of a study, with every key, and their index."""
     by_path = {key.path: key for key in list_keys()}
-    texts = texts_of(Study)[1]
+    texts = {key.name: key.text for key in keys_of(Study)}
     order = list(texts)
     grouped = sorted(by_path.values(), key=lambda key: order.index(_root(key)))
     pages = {}
@@ -89,14 +88,14 @@ def keys() -> dict[str, str]:
     return pages
 
 
-def _root(key: Key) -> str:
+def _root(key: StudyKey) -> str:
     return re.split(r"[.\[]", key.path)[0]
 
 
 _FIELDS = "Value|Default|How to choose it|When to change it|Keys below it|Keys of each"
 
 
-def _explained(key: Key) -> str:
+def _explained(key: StudyKey) -> str:
     """The paragraphs of `elastid explain`, behind the path: the text, and the others as a list of fields."""
     paragraphs: list[str] = []
     for line in explain(key.path).splitlines()[1:]:

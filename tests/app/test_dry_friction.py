@@ -28,7 +28,7 @@ ROBOT = Robot(
         Body("c", "b", joints=(Joint("3", "y", None, SMOOTH, 1.0),), inertia=1.0),
     ),
 )
-SIMULATED = Study("s", ExperimentSpec({"home": (0.0, 0.0, 0.0)}, simulated=SimulatedSpec()), ROBOT)
+SIMULATED = Study("s", experiment=ExperimentSpec({"home": (0.0, 0.0, 0.0)}, simulated=SimulatedSpec()), robot=ROBOT)
 PARAMETERS = tuple(Parameter(name, 1e-3) for name in ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3"))
 
 

@@ -206,7 +206,11 @@ def test_folders_name_their_members(tiny: Path) -> None:
     for robot, date in (("a", "2026-01-01"), ("a", "2026-02-01"), ("b", "2026-01-01"), ("b", "notes")):
         (tiny.parent / "logs" / robot / date).mkdir(parents=True)
     path = tiny.parent / "fleet.yml"
-    path.write_text("name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\nset: {name: '{robot} of {folder}'}\n")
+    path.write_text(
+        "name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\nset: {name: '{robot} of {folder}'}\n"
+        "false_discovery_rate: 0.01\n"
+    )
+    assert load_fleet(path).false_discovery_rate == 0.01
     members = load_fleet(path).members
     assert [member.name for member in members] == ["a_2026-01-01", "a_2026-02-01", "b_2026-01-01"]
     assert members[1].overrides == ("name=a of logs/a/2026-02-01",)

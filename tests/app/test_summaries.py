@@ -20,7 +20,9 @@ ROBOT = Robot(
 
 def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> None:
     """The motor's own, and that of a joint which turns rigidly with a motor: a fit is right not to meet them."""
-    known = truth(Study("s", ExperimentSpec({"home": (0.0, 0.0, 0.0)}, simulated=SimulatedSpec()), ROBOT))
+    known = truth(
+        Study("s", experiment=ExperimentSpec({"home": (0.0, 0.0, 0.0)}, simulated=SimulatedSpec()), robot=ROBOT)
+    )
     assert known is not None
     assert {"k_1", "d_1", "f_1", "fm_3", "f_3"} <= set(known)
     assert not {"fm_1", "fm_2", "f_2"} & set(known)

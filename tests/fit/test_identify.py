@@ -20,7 +20,7 @@ from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import SolverName, solve
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -168,7 +168,7 @@ def test_masks_that_leave_nothing_or_name_nothing_are_refused():
     with pytest.raises(DataError, match="nothing is left to fit"):
         identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
     with pytest.raises(StudyError, match="no output 'joint 1' was measured"):
-        identify([response], pendulum(), FitSpec(mask=(MaskSpec(output="joint 1"),)))
+        identify([response], pendulum(), FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0, output="joint 1"),))))
 
 
 def test_what_was_left_out_is_said():

@@ -17,7 +17,7 @@ from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.sensitivity import Sensitivity
 from elastid.linear.response.transfer import to_response
@@ -105,8 +105,13 @@ def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeyp
     measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
-        weights=WeightSpec(covariance="full"),
-        mask=(MaskSpec(output=exact.outputs[0], input=exact.inputs[1]), MaskSpec(band_hz=(15.0, 16.0))),
+        weights=WeightSpec(
+            covariance="full",
+            factors=(
+                FactorSpec(0.0, output=exact.outputs[0], input=exact.inputs[1]),
+                FactorSpec(0.0, band_hz=(15.0, 16.0)),
+            ),
+        ),
     )
     parameters = choose(spec, robot)
     x = parameters.x + 0.05 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)

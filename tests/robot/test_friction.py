@@ -6,7 +6,6 @@ import pytest
 
 from elastid.base.errors import StudyError
 from elastid.robot import (
-    Dahl,
     Friction,
     Joint,
     LuGre,
@@ -23,8 +22,7 @@ from elastid.robot import (
         (lambda: Friction(1.0, 2.0), "needs stribeck_velocity"),
         (lambda: Friction(1.0, lugre=LuGre(-1e4)), "stiffness .sigma_0. is -10000"),
         (lambda: Friction(1.0, lugre=LuGre(1e4, -1.0)), "damping .sigma_1. is -1"),
-        (lambda: Friction(1.0, 2.0, 0.1, dahl=Dahl(1e4)), "no Stribeck effect"),
-        (lambda: Friction(1.0, dahl=Dahl(1e4), lugre=LuGre(1e4)), "at most one"),
+        (lambda: Friction(1.0, lugre=LuGre(1e4), maxwell_slip=MaxwellSlip((1e4,), (1.0,), 1.0)), "at most one"),
         (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.4), 1.0), "sum to 0.9"),
         (lambda: MaxwellSlip((1e4,), (0.5, 0.5), 1.0), "1 numbers of stiffness and 2 shares"),
         (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.5), 0.0), "attraction .C. is 0"),

@@ -120,6 +120,16 @@ def test_limits_damping_and_frames_are_taken_over_and_the_side_file_adds_elastic
     assert robot.name == "arm"
 
 
+def test_the_side_file_replaces_limits_and_adds_frames_and_a_source(tmp_path):
+    """Limits of the URDF give way to those of the side file."""
+    joints = {"a1": BESIDE["a1"] | {"limits": {"angle": [-0.5, 0.5], "torque": 12}}}
+    frames = [{"name": "probe", "body": "upper", "placement": {"xyz": [0, 0, 0.1]}}]
+    robot = read(ARM, joints, tmp_path, frames=frames, source="a drawing")
+    assert (robot.joints[0].limits.angle, robot.joints[0].limits.torque) == ((-0.5, 0.5), 12)
+    assert [frame.name for frame in robot.frames] == ["base_link", "tool0", "probe"]
+    assert robot.source == "a drawing"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [

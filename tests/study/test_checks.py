@@ -106,7 +106,7 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
     [
         ["experiment.experiments=2", "experiment.realisations=1", "excitation.phases=schroeder"],
         ["experiment.experiments=1", "experiment.realisations=1", "estimator.method=auto"],
-        [DESIGN % "given: {e: [0, 0]}", "fit.mask=[{configurations: [a, e, c1]}]"],
+        [DESIGN % "given: {e: [0, 0]}", "fit.weights.factors=[{factor: 0, configurations: [a, e, c1]}]"],
         ["estimator.friction=curve", "experiment.realisations=1"],
         ["estimator.friction=auto", f"{SIMULATED}.outputs=[joint 1]"],
     ],

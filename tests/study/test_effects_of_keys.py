@@ -1,6 +1,5 @@
 """Keys that no other test gives have the effect that their text promises."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +9,17 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app import cli
 from elastid.app.compare import variants
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.result import FitResult
-from elastid.frf.local.response import local_response
-from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.measurement_chain import elements
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration, Record
+from elastid.record import Configuration
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
@@ -85,21 +82,6 @@ def test_units_of_a_response_in_csv_are_those_of_the_study(tmp_path: Path) -> No
     table = read_table(tmp_path / "frf.csv", spec, "")
     np.testing.assert_allclose(table.freq_hz(spec.frequency_unit), freq_hz, rtol=1e-12)
     np.testing.assert_allclose(table.G[:, 0, 0], G, rtol=1e-12)
-
-
-def test_a_larger_local_margin_takes_as_many_lines_more() -> None:
-    """One degree of freedom a line, in a single experiment."""
-    rng = np.random.default_rng(0)
-    u, y = np.tile(rng.standard_normal((2, 200, 1)), (1, 2, 1))
-    at = Configuration("c", np.zeros(1))
-    record = Record("c", at, 0, 0, 200.0, 200, ("motor 1",), ("joint 1",), ("velocity",), u, y)
-    needed = []
-    for margin in (500, 507):
-        spec = EstimatorSpec(method="local_polynomial", quantity="velocity", local_order=2, local_margin=margin)
-        with pytest.raises(DataError, match="lines in a window") as caught:
-            local_response([record], spec, np.arange(1, 90))
-        needed += [int(n) for n in re.findall(r"needs (\d+) lines", str(caught.value))]
-    assert needed[1] - needed[0] == 7
 
 
 def test_motor_coupling_of_a_variant_lets_rotors_turn_about_their_own_axes_only(tmp_path: Path) -> None:

@@ -1,79 +1,109 @@
-"""Every key of a study has a text beside its field, and something that gives it: a shipped file or a test."""
+"""Every key of a study has a text in the annotation of its field, and is given by a shipped file or a test."""
 
 import re
+from dataclasses import make_dataclass
 from difflib import SequenceMatcher
-from functools import cache
 from pathlib import Path
 
 import pytest
+from study.given_keys import PLACES, SECTIONS, given_in, in_python, in_yaml
 
 from elastid.base.errors import StudyError
 from elastid.study import make_schema
-from elastid.study.explanation import explain, overview
-from elastid.study.fleet import FleetSpec, MemberSpec
-from elastid.study.reference import advice_of, keys_below, list_keys, list_sections, names_in, texts_of
+from elastid.study.checks.experiment import PLAN_KEYS
+from elastid.study.reference import explain, keys_of, list_keys, names_in, overview, text_of
 from elastid.study.sections import Study
 
 ROOT = Path(__file__).parents[2]
-KEYS = {(key.section.__name__, key.name): key for key in list_keys()}
+KEYS = {(key.section.__name__, key.name): key for key in PLACES}
+GIVERS = ("tests/**/*.py", "scripts/**/*.py", "configs/**/*.yml", "elastid/app/templates/**/*.yml")
+
+# Keys that tests give through a value or a helper from elsewhere, by the file of the test.
+GIVEN_THROUGH_HELPERS = {
+    "experiment/test_hardware.py": ("SimulatedSpec.model",),
+    "recorded/test_torque_hold.py": ("ChannelSpec.hold",),
+    "recorded/test_responses.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
+    "recorded/test_periods.py": ("FileSpec.period_samples",),
+    "recorded/test_rig.py": ("RecordedSpec.text",),
+    "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
+    "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
+    "design/test_design.py": ("MultisineSpec.least",),
+    "frf/test_welch.py": ("EstimatorSpec.window", "EstimatorSpec.overlap"),
+    "study/test_effects_of_keys.py": ("FitSpec.bootstrap_kind",),
+    "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames"),
+    "robot/test_urdf.py": tuple(f"UrdfJoint.{key}" for key in ("spring", "motor", "elastic", "viscous", "limits"))
+    + tuple(f"UrdfRobot.{key}" for key in ("source", "frames", "payload")),
+}
 
 
-# Tests, shipped studies and templates give a key as `key: value` in YAML, `key=value` in Python or on the command line,
-# or "key" in a mapping.
-GIVEN = re.compile(r"(?<!\w)(\w+)\s*[:=](?!=)|[\"'](\w+)[\"']")
-GIVERS = ("tests/**/*.py", "configs/**/*.yml", "elastid/app/templates/**/*.yml")
+def ungiven(keys: set[tuple[str, str]]) -> set[str]:
+    """Those of some keys, by section and name, that no shipped file and no test gives."""
+    helped = {key for keys in GIVEN_THROUGH_HELPERS.values() for key in keys}
+    helped |= {f"ExperimentSpec.{key}" for key in PLAN_KEYS}  # test_effects_of_keys gives each
+    return {".".join(key) for key in keys - given_in(ROOT, *GIVERS)} - helped
 
 
-@cache
-def given_words() -> set[str]:
-    texts = [file.read_text(encoding="utf-8") for givers in GIVERS for file in ROOT.glob(givers)]
-    return {word for text in texts for pair in GIVEN.findall(text) for word in pair}
+def test_every_key_is_given_somewhere() -> None:
+    """By a shipped study, a template, a script or a test; the tests that give it through a helper name it."""
+    assert ungiven({*KEYS}) == set()
+    for file, keys in GIVEN_THROUGH_HELPERS.items():
+        text = (ROOT / "tests" / file).read_text(encoding="utf-8")
+        assert [key for key in keys if not re.search(rf"\b{key.split('.')[1]}\b", text)] == [], file
+    assert {key.partition(".")[0] for keys in GIVEN_THROUGH_HELPERS.values() for key in keys} <= {*SECTIONS}
 
 
-@pytest.mark.parametrize("section", list_sections().values(), ids=lambda section: section.__name__)
-def test_every_key_has_a_text_and_is_given_somewhere(section: type) -> None:
-    """A text in the docstring of its section, as `key: text`; and a shipped study or a test that uses it."""
-    own, texts = texts_of(section)
-    names = [name for of, name in KEYS if of == section.__name__]
-    assert own, f"{section.__name__}: say what it is before its keys"
-    assert [name for name in names if " " not in texts.get(name, "")] == [], "without a text"
-    assert [name for name in names if name not in given_words()] == [], "in no test and no shipped study"
+@pytest.mark.parametrize("name", ["level", "limit", "gain", "name", "start", "path", "mass"])
+def test_a_key_that_nothing_gives_is_found(name: str) -> None:
+    """In every section that has none of that name, however often the word is an argument of something else."""
+    new = {(section, name) for section in SECTIONS if (section, name) not in KEYS}
+    assert ungiven(new) == {".".join(key) for key in new}
+
+
+def test_a_key_is_given_below_its_section_only() -> None:
+    """In YAML, in paths, in calls of the section's class, of `replace` and of a helper that hands keywords on."""
+    assert set(in_yaml("controller: {kind: cascade, level: 1}\nlimit: 2")) == {("ControllerSpec", "kind")}
+    source = """
+def spec(**keys): return WeightSpec(**keys)
+spec(loss="huber")
+other(floor=1)
+replace(study.estimator, window="hann")
+load(path, ["fit.weights.smooth=3", "smooth=3"])
+"""
+    given = set(in_python(source))
+    assert given == {("WeightSpec", "loss"), ("EstimatorSpec", "window"), ("WeightSpec", "smooth")}
+
+
+@pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
+def test_every_key_has_a_text_that_begins_with_a_sentence(section: type) -> None:
+    """Of the section and of each key: a capital, several words, and a full stop at the end."""
+    assert text_of(section), f"{section.__name__}: its docstring describes it"
+    for key in keys_of(section):
+        first = re.split(r"[.:;]( |$)", key.text)[0]
+        assert first[0].isupper(), key.path
+        assert len(first.split()) > 1, key.path
+        assert key.text[-1] in ".)", key.path
+
+
+def test_a_field_without_a_text_is_refused() -> None:
+    """A section whose key lacks its text has no reference."""
+    with pytest.raises(AttributeError):
+        list(keys_of(make_dataclass("Section", [("width", float)])))
 
 
 def test_the_schema_shows_the_texts() -> None:
     """Each key of each section has its text, its unit where it has one, and its advice."""
     schema = make_schema()
     for (section, name), key in KEYS.items():
+        if section in ("FleetSpec", "MemberSpec"):
+            continue
         definition = schema if section == "Study" else schema["$defs"][section]
         description = definition["properties"][name]["description"]
         assert description.startswith(key.text), f"{section}.{name}"
         assert description.endswith(key.advice), f"{section}.{name}"
     period = schema["$defs"]["MultisineSpec"]["properties"]["period"]["description"]
     assert period.startswith(
-        "of the multisine; the lines are 1/period apart. in s, or a text with a unit: s, ms, us, min, h."
+        "Period of the multisine; the lines are 1/period apart. in s, or a text with a unit: s, ms, us, min, h."
     )
-
-
-def test_a_text_ends_where_the_next_begins() -> None:
-    """Several keys share a text; a colon within a sentence, or after a word that is no key, begins none."""
-
-    class Section:
-        """A thing.  Further words.
-
-        left, right: both ends (such as
-        left: mine).  other: no key.
-        width: of it.
-
-        More on the thing.
-        """
-
-    Section.__annotations__ = {"left": float, "right": float, "width": float}
-    from elastid.base.section import section
-
-    own, texts = texts_of(section(Section))
-    both = "both ends (such as left: mine). other: no key."
-    assert own == "A thing. Further words. More on the thing."
-    assert texts == {"left": both, "right": both, "width": "of it."}
 
 
 def test_a_key_knows_its_places() -> None:
@@ -137,23 +167,20 @@ FILLER = re.compile(
 )
 
 
-@pytest.mark.parametrize("section", [*list_sections().values(), FleetSpec, MemberSpec], ids=lambda of: of.__name__)
+@pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
 def test_every_key_says_when_to_change_it(section: type) -> None:
-    """Advice behind ` -- ` in the docstring of its section: whole words on this key, not its text once more."""
-    advice = advice_of(section)
-    keys = [key for key in keys_below(section, "") if key.section is section]
-    assert [key.name for key in keys if key.name not in advice] == [], "without advice"
-    assert [name for name, words in advice.items() if len(words.split()) < 6 or FILLER.search(words)] == [], "filler"
-    assert [key.name for key in keys if SequenceMatcher(None, key.text, key.advice).ratio() > 0.8] == [], "an echo"
+    """Advice of whole words on this key, not its text once more."""
+    keys = list(keys_of(section))
+    assert [k.name for k in keys if len(k.advice.split()) < 6 or FILLER.search(k.advice)] == [], "none, or filler"
+    assert [k.name for k in keys if SequenceMatcher(None, k.text, k.advice).ratio() > 0.8] == [], "an echo"
 
 
 def test_no_advice_is_given_twice() -> None:
-    """One sentence for many keys is filler; keys that share one text within a section share its advice."""
-    given: dict[str, set[tuple[str, str]]] = {}
-    for key in (*KEYS.values(), *keys_below(FleetSpec, "")):
-        section = key.section.__name__
-        for sentence in re.split(r"(?<=\.)\s+", key.advice.rstrip(".")) if key.advice else ():
-            given.setdefault(sentence.rstrip("."), set()).add((section, key.text))
+    """One sentence for many keys is filler; within a section the parts of one law share it."""
+    given: dict[str, set[str]] = {}
+    for (section, _), key in KEYS.items():
+        for sentence in re.split(r"(?<=\.)\s+", key.advice.rstrip(".")):
+            given.setdefault(sentence.rstrip("."), set()).add(section)
     assert {sentence: where for sentence, where in given.items() if len(where) > 1} == {}
 
 

@@ -113,7 +113,12 @@ WRONG = [
     ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start", "not s"),
     ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
     ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
-    ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
+    (
+        "  starts: 2",
+        "  weights: {factors: [{factor: 0, input: motor 2}]}",
+        "fit.weights.factors[0].input",
+        "did you mean 'motor 1'?",
+    ),
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
     ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),

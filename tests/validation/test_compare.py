@@ -11,7 +11,7 @@ from plants.two_axes import ROBOT
 from elastid.base.errors import StudyError
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
@@ -150,12 +150,12 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(
 
 def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[FrequencyResponse]) -> None:
     """Of those fitted and of those left out; where nothing is left to fit, the refit fails with the reason."""
-    low = replace(SPEC, mask=(MaskSpec(("c",), band_hz=(0.0, 30.0)),))
+    low = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]
     spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
     found = refit(spoilt, RefitTask(ComparedVariant("own", robot, low, EXACT), ("c",)))
     assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
-    nothing = replace(SPEC, mask=(MaskSpec(("a", "b")),))
+    nothing = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("a", "b")),)))
     failed = refit(responses, RefitTask(ComparedVariant("own", robot, nothing, EXACT), ("c",)))
     assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
     assert failed.message

@@ -34,6 +34,7 @@ from elastid.store import (
     read_validation,
 )
 from elastid.store.results import read_comparison, read_twin
+from elastid.study import Study
 
 
 def report(

@@ -88,7 +88,7 @@ def torque_spectra(
         responses = closed_loop(configuration, freq_hz).of(excitation.compress)
     amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
-    search = (responses, excitation.effort, len(draws) == 1)
+    search = (responses, len(draws) == 1)
     return np.array([experiments(*how, np.random.default_rng(d), *search) for d in draws])
 
 

@@ -97,7 +97,7 @@ class SimulatedFrictionRig:
         robot = true_robot(with_point_mass(self.robot, payload), spec.truth)
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
         samples = round(self.plan.robot_time_s * self.plan.rate_hz) if spec.compiled else 0
-        return plant_of(robot, spec.model, spec.loops, self.plan.rate_hz, spec.substeps, *hardware, samples)
+        return plant_of(robot, spec.model, self.plan.rate_hz, spec.substeps, *hardware, samples)
 
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None

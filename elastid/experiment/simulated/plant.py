@@ -24,7 +24,6 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
 from elastid.simulation.friction_states import contacts
-from elastid.simulation.spec import StabilisationSpec
 
 # Of a robot that is simulated beside its log: each is unrolled in the equations, which take seconds to build beyond.
 MAX_SUBSTEPS = 40
@@ -61,7 +60,6 @@ def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
 def plant_of(
     robot: Robot,
     equations: ModelSpec,
-    loops: StabilisationSpec,
     rate_hz: float,
     substeps: int,
     encoder_counts: int,
@@ -78,7 +76,7 @@ def plant_of(
     limits = np.array([joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops, samples))
+    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples))
 
 
 def exact_plant(
@@ -97,7 +95,7 @@ def exact_plant(
             f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction at "
             f"standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are affordable"
         )
-    return plant_of(robot, equations, StabilisationSpec(), rate_hz, substeps, 0, (), (), saturation, 0), point
+    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0), point
 
 
 def _least_substeps(rate: float, rate_hz: float) -> int:

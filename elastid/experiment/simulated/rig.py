@@ -185,7 +185,7 @@ class SimulatedRig:
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
         samples = len(self.plan.experiments) * self.plan.run_samples if spec.compiled else 0
         robot = true_robot(self.robot, spec.truth)
-        plant = plant_of(robot, spec.model, spec.loops, rate_hz, spec.substeps, *hardware, samples)
+        plant = plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
         check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
         torque = feed_forward_of(plant.model)

@@ -74,8 +74,8 @@ def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     return (
         Note(
             "loops-opened",
-            f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
-            "experiment.simulated.loops.project: true, or take more substeps",
+            f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
+            "experiment.simulated.substeps",
         ),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Damping, InUnit, Time
 
 PositionGain = Annotated[float, InUnit("1/s")]
@@ -15,22 +15,22 @@ class CascadeSpec:
     """The robot controller of the logs: a loop of position around a loop of velocity, so that validation can repeat it.
 
     u = K_v [e + (1 / T_i) integral of e], e = K_p (q_ref - q) + s q_ref' - q', q the motor's angle on the link side.
-    position_gain: K_p of the outer loop, one number for all joints or one for each driven joint. -- the servo parameter
-    as the drive shows it, in 1/s; in (m/min)/mm it is 16.7 times as many 1/s.
-    velocity_gain: K_v of the inner loop, link side (ratio^2 times that of the motor's side), one number or several. --
-    of the drive's motor side, times ratio^2; a wrong one shows in validation as a torque of wrong size at every
-    reversal.
-    integral_time: T_i of the inner loop (default: no integral). -- most drives have one, of 5 to 50 ms; without it the
-    replay keeps an error that the robot did not have.
-    velocity_feed_forward: s, the share of the reference's velocity that is fed forward, 0 to 1. The reference is in the
-    log as channels of role reference. -- 1 for controllers that follow without lag; too small a number shows as a
-    position error in proportion to speed.
     """
 
-    position_gain: PositionGain | tuple[PositionGain, ...]
-    velocity_gain: Damping | tuple[Damping, ...]
-    integral_time: Time | None = None
-    velocity_feed_forward: float = 0.0
+    # fmt: off
+    position_gain: Annotated[PositionGain | tuple[PositionGain, ...], Key("Gain K_p of the outer loop, one number for "
+        "all joints or one for each driven joint.", "the servo parameter as the drive shows it, in 1/s; in (m/min)/mm "
+        "it is 16.7 times as many 1/s.")]
+    velocity_gain: Annotated[Damping | tuple[Damping, ...], Key("Gain K_v of the inner loop, link side (ratio^2 times "
+        "that of the motor's side), one number or several.", "of the drive's motor side, times ratio^2; a wrong one "
+        "shows in validation as a torque of wrong size at every reversal.")]
+    integral_time: Annotated[Time | None, Key("Integral time T_i of the inner loop (default: no integral).",
+        "most drives have one, of 5 to 50 ms; without it the replay keeps an error that the robot did not "
+        "have.")] = None
+    velocity_feed_forward: Annotated[float, Key("Share s of the reference's velocity that is fed forward, 0 to 1. The "
+        "reference is in the log as channels of role reference.", "1 for controllers that follow without lag; too "
+        "small a number shows as a position error in proportion to speed.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse gains that do not hold a joint."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, TorqueConstant, factor, of_translation
 from elastid.record import MOTION_UNIT, Hold
 
@@ -33,53 +33,49 @@ class ChannelSpec:
     """One signal of the log files: its place in the file, and its place and quantity on the robot or structure.
 
     Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
-
-    role: r injected torque, u acting torque, y motion; in studies of friction also t temperature of a joint, and
-    reference: the position of a motor that the controller was asked for, by which validation moves the model. -- the
-    torque that reaches the motor is u, be it measured or computed from current; what was added to the controller's
-    output is r.
-    at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
-    feels gravity); without a robot any name, such as `shaker` or `tip x`. -- where the sensor sits; a motor encoder
-    that the controller shows as joint angle is still at the motor, with side: link.
-    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
-    of an HDF5 dataset. -- the name as `elastid inspect FILE` prints it.
-    column: which column of a matrix, the first is 1. -- for files without headings, and for matrices, beside the name
-    of the matrix.
-    quantity: that the channel holds; voltage, and a current without torque_constant, in studies without a robot alone.
-    -- the default fits torques; motions must say theirs. Positions are best where logged: the derivative is exact on
-    the lines.
-    unit: of the file after `scale`; default SI, needed without a robot. -- wherever the file is not in SI: deg, rpm,
-    mm; for multiples of gravity scale: 9.80665. A response that is off by a factor of 57.3 lacks a deg.
-    scale: factor of the file's numbers. -- counts to a unit, such as 360 / 65536 with unit: deg.
-    sign: -1 where the sensor counts the other way. -- where torque and acceleration of one motor have opposite phase
-    well below the first resonance.
-    torque_constant: of a current. -- that of the data sheet, on the motor's side; its error is a factor of a whole
-    column of the response, which gain_u_motor_1 in fit.parameters can find.
-    side: of the gear that it is measured on (`motor` refers to motors that gears couple all together). -- motor for raw
-    drive signals: angles are then divided by the ratio, torques multiplied by it.
-    file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`. -- where drive and data logger
-    write two files; their clocks are aligned by a signal that both hold.
-    rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one, band-limited. -- a
-    temperature at 1 Hz or an accelerometer at 10 kHz beside the controller's rate; slower ones bound the band of all.
-    hold: of an acting torque (role u), where it differs from that of the section. -- where commanded and measured
-    torques stand in one log.
     """
 
-    role: Literal["r", "u", "y", "t", "reference"]
-    at: str
-    channel: str = ""
-    column: int | None = None
-    quantity: Literal[
-        "torque", "force", "current", "voltage", "position", "velocity", "acceleration", "temperature"
-    ] = "torque"
-    unit: str = ""
-    scale: float = 1.0
-    sign: Literal[1, -1] = 1
-    torque_constant: TorqueConstant | None = None
-    side: Literal["link", "motor"] = "link"
-    file: int = 1
-    rate_hz: Frequency | None = None
-    hold: Hold | None = None
+    # fmt: off
+    role: Annotated[Literal["r", "u", "y", "t", "reference"], Key("Role of the signal: r injected torque, u acting "
+        "torque, y motion; in studies of friction also t temperature of a joint, and reference: the position of a "
+        "motor that the controller was asked for, by which validation moves the model.", "the torque that reaches the "
+        "motor is u, be it measured or computed from current; what was added to the controller's output is r.")]
+    at: Annotated[str, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer "
+        "tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip x`.", "where the "
+        "sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, with side: "
+        "link.")]
+    channel: Annotated[str, Key("Name of the signal in the file: variable of a MATLAB file (`theta_m`, `rec.torque` "
+        "inside a struct), column heading of a CSV file, or path of an HDF5 dataset.", "the name as `elastid inspect "
+        "FILE` prints it.")] = ""
+    column: Annotated[int | None, Key("Number of the column in a matrix; the first is 1.", "for files without "
+        "headings, and for matrices, in addition to the name of the matrix.")] = None
+    quantity: Annotated[
+        Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration", "temperature"], Key(
+        "Quantity that the channel holds; voltage, and a current without torque_constant, in studies without a robot "
+        "alone.", "the default fits torques; motions must say theirs. Positions are best where logged: the derivative "
+        "is exact on the lines.")] = "torque"
+    unit: Annotated[str, Key("Unit of the file after `scale`; default SI, needed without a robot.", "wherever the file "
+        "is not in SI: deg, rpm, mm; for multiples of gravity scale: 9.80665. A response that is off by a factor of "
+        "57.3 lacks a deg.")] = ""
+    scale: Annotated[float, Key("Factor of the file's numbers.", "counts to a unit, such as 360 / 65536 with unit: "
+        "deg.")] = 1.0
+    sign: Annotated[Literal[1, -1], Key("Sign of the sensor: -1 where it counts the other way.", "where torque and "
+        "acceleration of one motor have opposite phase well below the first resonance.")] = 1
+    torque_constant: Annotated[TorqueConstant | None, Key("Torque constant of a current.", "that of the data sheet, on "
+        "the motor's side; its error is a factor of a whole column of the response, which gain_u_motor_1 in "
+        "fit.parameters can find.")] = None
+    side: Annotated[Literal["link", "motor"], Key("Side of the gear that it is measured on (`motor` refers to motors "
+        "that gears couple all together).", "motor for raw drive signals: angles are then divided by the ratio, "
+        "torques multiplied by it.")] = "link"
+    file: Annotated[int, Key("Number of the file of an experiment that holds the signal; 1 is `path` and 2 the first "
+        "of `also`.", "where drive and data logger write two files; their clocks are aligned by a signal that both "
+        "hold.")] = 1
+    rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel where it differs; all channels are brought "
+        "to the lowest one, band-limited.", "a temperature at 1 Hz or an accelerometer at 10 kHz, unlike the "
+        "controller's rate; slower ones bound the band of all.")] = None
+    hold: Annotated[Hold | None, Key("Course of an acting torque (role u) between its samples, where it differs from "
+        "that of the section.", "where commanded and measured torques stand in one log.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Check that role and quantity agree."""

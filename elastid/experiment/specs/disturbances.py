@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import (
     Acceleration,
     Angle,
@@ -20,25 +20,22 @@ from elastid.base.units import (
 
 @section
 class ColoredNoiseSpec:
-    """Noise of a given spectrum on one of the signals of `noise`, beside the white one.
+    """Noise of a given spectrum on one of the signals of `noise`, in addition to the white one."""
 
-    signal: that it is added to. -- `disturbance` for torque that moves the robot, the two others for what only the log
-    has.
-    std: of all of it, SI. -- the rms value of the noise over the whole band up to half the rate, so that another corner
-    moves power and adds none.
-    corner_hz: flat up to here, then falling. -- where the measured spectrum begins to fall; for drift well below the
-    lowest line.
-    slope: dB a decade beyond the corner. -- -20 is noise behind one low-pass, as of a torque loop; -40 falls as behind
-    two, positive rises, as noise that was differentiated.
-    table: in place of a corner, [frequency in Hz, relative amplitude], straight between its points on logarithmic axes
-    and held beyond them. -- for a spectrum that was measured, in place of corner_hz and slope.
-    """
-
-    signal: Literal["torque", "angle", "disturbance"]
-    std: float
-    corner_hz: Frequency | None = None
-    slope: float = -20.0
-    table: tuple[tuple[Frequency, float], ...] = ()
+    # fmt: off
+    signal: Annotated[Literal["torque", "angle", "disturbance"], Key("Signal that the noise is added to.",
+        "`disturbance` for torque that moves the robot, the two others for what only the log has.")]
+    std: Annotated[float, Key("Standard deviation of the whole noise, SI.", "the rms value of the noise over the whole "
+        "band up to half the rate, so that another corner moves power and adds none.")]
+    corner_hz: Annotated[Frequency | None, Key("Corner frequency of the spectrum: flat up to it, falling beyond.",
+        "where the measured spectrum begins to fall; for drift well below the lowest line.")] = None
+    slope: Annotated[float, Key("Slope of the spectrum beyond the corner in dB a decade.", "-20 is noise behind one "
+        "low-pass, as of a torque loop; -40 falls as behind two, positive rises, as noise that was "
+        "differentiated.")] = -20.0
+    table: Annotated[tuple[tuple[Frequency, float], ...], Key("Spectrum in place of a corner: [frequency in Hz, "
+        "relative amplitude], straight between its points on logarithmic axes and held beyond them.", "for a spectrum "
+        "that was measured, in place of corner_hz and slope.")] = ()
+    # fmt: on
 
     def __post_init__(self) -> None:
         """A corner or a table."""
@@ -64,17 +61,16 @@ class ColoredNoiseSpec:
 
 @section
 class EncoderRippleSpec:
-    """An error of the motor encoders that repeats in a motor turn.
+    """An error of the motor encoders that repeats in a motor turn."""
 
-    amplitude: on the motor side. -- 1e-4 to 1e-3 rad for resolvers; over the ratio it is the error on the link side.
-    periods: in a motor turn. -- 1 for an eccentric disc, 2 for a resolver whose channels differ; a list of entries
-    gives several.
-    phase: at motor angle zero. -- matters only between several entries, whose sum it shapes.
-    """
-
-    amplitude: Angle
-    periods: int = 1
-    phase: Angle = 0.0
+    # fmt: off
+    amplitude: Annotated[Angle, Key("Amplitude of the error on the motor side.", "1e-4 to 1e-3 rad for resolvers; over "
+        "the ratio it is the error on the link side.")]
+    periods: Annotated[int, Key("Periods of the error in a motor turn.", "1 for an eccentric disc, 2 for a resolver "
+        "whose channels differ; a list of entries gives several.")] = 1
+    phase: Annotated[Angle, Key("Phase of the error at motor angle zero.", "matters only between several entries, "
+        "whose sum it shapes.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Whole periods a turn."""
@@ -84,18 +80,17 @@ class EncoderRippleSpec:
 
 @section
 class TorqueRippleSpec:
-    """Cogging: a torque on the motors that repeats in a motor turn.
+    """Cogging: a torque on the motors that repeats in a motor turn."""
 
-    amplitude: on the motor side. -- 0.5 to 2 % of the motor's rated torque.
-    periods: in a motor turn. -- 6 for each pole pair where commutation makes the ripple; the least common multiple of
-    poles and slots for cogging, or the count from a slow pass.
-    phase: at motor angle zero. -- another one moves where in a turn the torque pulls, which matters for swings shorter
-    than a period of the ripple.
-    """
-
-    amplitude: Torque
-    periods: int = 6
-    phase: Angle = 0.0
+    # fmt: off
+    amplitude: Annotated[Torque, Key("Amplitude of the torque on the motor side.", "0.5 to 2 % of the motor's rated "
+        "torque.")]
+    periods: Annotated[int, Key("Periods of the torque in a motor turn.", "6 for each pole pair where commutation "
+        "makes the ripple; the least common multiple of poles and slots for cogging, or the count from a slow "
+        "pass.")] = 6
+    phase: Annotated[Angle, Key("Phase of the torque at motor angle zero.", "another one moves where in a turn the "
+        "torque pulls, which matters for swings shorter than a period of the ripple.")] = 0.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Whole periods a turn."""
@@ -105,26 +100,24 @@ class TorqueRippleSpec:
 
 @section
 class WarmingSpec:
-    """How the robot's friction drifts from run to run and within each, as it warms.
+    """Drift of the robot's friction from run to run and within each, as it warms.
 
     Level of dry friction: 1 + amplitude exp(-t / time_constant), t from the start of the first run.
-
-    time_constant: of the drift. -- 30 to 60 minutes for gears of industrial robots.
-    amplitude: of the drift, a part of the level. -- 0.2 to 0.5 for a robot that starts cold; 0 with `temperature`,
-    whose law then says how friction falls.
-    spread: standard deviation of a further factor, drawn for every run. -- 0.01 to 0.05 for levels that scatter from
-    run to run; it widens what repeated experiments show.
-    pause: between runs. -- the time in which somebody moves to the next configuration; the robot goes on warming in it
-    by the clock.
-    temperature: [cold, warm] of the gears, approached with the same time constant, for friction laws that have a
-    `temperature`. -- for laws with a `temperature`; without it their reference holds throughout.
     """
 
-    time_constant: Time
-    amplitude: float = 0.0
-    spread: float = 0.0
-    pause: Time = 0.0
-    temperature: tuple[Temperature, Temperature] | None = None
+    # fmt: off
+    time_constant: Annotated[Time, Key("Time constant of the drift.", "30 to 60 minutes for gears of industrial "
+        "robots.")]
+    amplitude: Annotated[float, Key("Amplitude of the drift, a part of the level.", "0.2 to 0.5 for a robot that "
+        "starts cold; 0 with `temperature`, whose law then says how friction falls.")] = 0.0
+    spread: Annotated[float, Key("Standard deviation of a further factor of friction that is drawn for every run.",
+        "0.01 to 0.05 for levels that scatter from run to run; it widens what repeated experiments show.")] = 0.0
+    pause: Annotated[Time, Key("Pause between runs.", "the time in which somebody moves to the next configuration; the "
+        "robot goes on warming in it by the clock.")] = 0.0
+    temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Temperatures [cold, warm] of the gears, "
+        "approached with the same time constant, for friction laws that have a `temperature`.", "for laws with a "
+        "`temperature`; without it their reference holds throughout.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse friction that pushes."""
@@ -140,31 +133,28 @@ class WarmingSpec:
 
 @section
 class NoiseSpec:
-    """Sensor noise and disturbances, link side; in N and m where a joint slides.
+    """Sensor noise and disturbances, link side; in N and m where a joint slides."""
 
-    torque_std: on the logged torque, white. -- from a log at rest; drives that compute torque from current commonly
-    have 0.1 to 1 % of their largest torque.
-    torque_offset: constant error of the logged torque. -- to see that a constant error of the current sensor does not
-    matter: it lies at 0 Hz for responses, and passes in two directions cancel it.
-    angle_std: on the logged angles, white. -- link side: the motor's noise over the ratio. Where resolution is what
-    limits, use encoder_counts and leave this at 0.
-    acceleration_std: on the logged accelerations of points, white. -- 0.01 to 0.1 m/s^2 for piezoelectric and MEMS
-    sensors; it only touches outputs that are accelerations of points.
-    encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited. -- 2^16 to 2^20 for common
-    encoders; it matters for small amplitudes, at rest and in presliding, where motion is a few counts.
-    disturbance_std: torque that acts on the motors, white, unknown to the log. -- torque of cables, fans and
-    neighbours; unlike torque_std it moves the robot, and closed loop estimators differ in it.
-    colored: further noise of other spectra. -- where a measured spectrum is far from white, such as drift below 1 Hz or
-    a cable's resonance; the estimate of variance follows it line by line.
-    """
-
-    torque_std: Torque = 0.0
-    angle_std: Angle = 0.0
-    disturbance_std: Torque = 0.0
-    encoder_counts: int = 0
-    acceleration_std: Acceleration = 0.0
-    colored: tuple[ColoredNoiseSpec, ...] = ()
-    torque_offset: Torque = 0.0
+    # fmt: off
+    torque_std: Annotated[Torque, Key("Standard deviation of white noise on the logged torque.", "from a log at rest; "
+        "drives that compute torque from current commonly have 0.1 to 1 % of their largest torque.")] = 0.0
+    angle_std: Annotated[Angle, Key("Standard deviation of white noise on the logged angles.", "link side: the motor's "
+        "noise over the ratio. Where resolution is what limits, use encoder_counts and leave this at 0.")] = 0.0
+    disturbance_std: Annotated[Torque, Key("Standard deviation of a white torque that acts on the motors and is not in "
+        "the log.", "torque of cables, fans and neighbours; unlike torque_std it moves the robot, and closed loop "
+        "estimators differ in it.")] = 0.0
+    encoder_counts: Annotated[int, Key("Resolution of the motor encoders in counts per motor turn; 0 = unlimited.",
+        "2^16 to 2^20 for common encoders; it matters for small amplitudes, at rest and in presliding, where motion is "
+        "a few counts.")] = 0
+    acceleration_std: Annotated[Acceleration, Key("Standard deviation of white noise on the logged accelerations of "
+        "points.", "0.01 to 0.1 m/s^2 for piezoelectric and MEMS sensors; it only touches outputs that are "
+        "accelerations of points.")] = 0.0
+    colored: Annotated[tuple[ColoredNoiseSpec, ...], Key("Further noise of other spectra.", "where a measured spectrum "
+        "is far from white, such as drift below 1 Hz or a cable's resonance; the estimate of variance follows it line "
+        "by line.")] = ()
+    torque_offset: Annotated[Torque, Key("Constant error of the logged torque.", "to see that a constant error of the "
+        "current sensor does not matter: it lies at 0 Hz for responses, and passes in two directions cancel it.")] = 0.0
+    # fmt: on
 
     def variances(
         self, signal: Literal["torque", "angle", "disturbance"], freq_hz: FloatArray, rate_hz: float

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import StudyError
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import RecordedSpec
@@ -22,44 +22,41 @@ RigSpec: TypeAlias = SimulatedSpec | RecordedSpec | ResponsesSpec
 
 @section
 class ExperimentSpec:
-    """Which configurations are measured, how often, and on which rig: simulated, recorded or responses, exactly one.
+    """Configurations to measure, repetitions, and the rig: simulated, recorded or responses, exactly one."""
 
-    configurations: name to positions of the driven joints (rad, or m where a joint slides); a section `design` adds
-    others. -- choose postures that load each spring differently; one seldom separates the springs of one axis, three to
-    five commonly do.
-    realisations: independent draws of the random phases, of a simulated rig; logs number theirs. -- more where friction
-    distorts: variance and distortion fall as one over their number, the time grows with it; 4 to 10 are usual on a
-    robot. Two is the least that shows the level of distortion, and the default for that reason.
-    experiments: of every realisation (default: as many as motors, each with all motors moving). -- fewer save robot
-    time by that factor, for the local methods of `estimator` alone, which separate inputs by neighbouring lines; they
-    need periods so long that many lines lie within each resonance.
-    periods: measured in each experiment of a simulated rig. -- more where noise is what limits: its variance falls as
-    one over their number, distortion stays. Two are the least that show the noise level, hence the default.
-    transient_periods: before these, left out; of a simulated rig. -- more where resonances ring longer than a period:
-    light damping, short periods. With 0 the first period counts, and estimator.transient_periods must find whether it
-    rings.
-    ramp: time in which torque and movement of a simulated rig grow at the start and fade at the end. -- longer where
-    the start shakes the robot or trips a drive; it adds its length twice to each experiment. 0.5 s is several times the
-    swing of a first mode of 5 to 10 Hz.
-    hold: rest of a simulated rig before the start and after the end. -- give a second where a logger needs time to
-    begin; the references then start at rest.
-    simulated: a rig that is a model. -- for planning, for learning, and to see whether the parameters can be found at
-    all before the robot is booked.
-    recorded: logs of a rig. -- for logs of the robot itself; channels and files say what is in them.
-    responses: frequency responses from elsewhere. -- for FRFs with or without their uncertainty; records are to be
-    preferred where they exist, since they show distortion and transients.
-    """
-
-    configurations: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
-    realisations: int = 2
-    periods: int = 2
-    transient_periods: int = 1
-    ramp: Time = 0.5
-    hold: Time = 0.0
-    experiments: int | None = None
-    simulated: SimulatedSpec | None = None
-    recorded: RecordedSpec | None = None
-    responses: ResponsesSpec | None = None
+    # fmt: off
+    configurations: Annotated[dict[str, tuple[JointPosition, ...]], Key("Postures that are measured: name to positions "
+        "of the driven joints (rad, or m where a joint slides). A section `design` adds others.", "choose postures "
+        "that load each spring differently; one seldom separates the springs of one axis, three to five commonly "
+        "do.")] = field(default_factory=dict)
+    realisations: Annotated[int, Key("Number of independent draws of the random phases on a simulated rig; logs number "
+        "theirs.", "more where friction distorts: variance and distortion fall as one over their number, the time "
+        "grows with it; 4 to 10 are usual on a robot. Two is the least that shows the level of distortion, and the "
+        "default for that reason.")] = 2
+    periods: Annotated[int, Key("Number of periods that each experiment of a simulated rig measures.", "more where "
+        "noise is what limits: its variance falls as one over their number, distortion stays. Two are the least that "
+        "show the noise level, hence the default.")] = 2
+    transient_periods: Annotated[int, Key("Number of periods that a simulated rig runs before the measured ones and "
+        "leaves out.", "more where resonances ring longer than a period: light damping, short periods. With 0 the "
+        "first period counts, and estimator.transient_periods must find whether it rings.")] = 1
+    ramp: Annotated[Time, Key("Time in which torque and movement of a simulated rig grow at the start and fade at the "
+        "end.", "longer where the start shakes the robot or trips a drive; it adds its length twice to each "
+        "experiment. 0.5 s is several times the swing of a first mode of 5 to 10 Hz.")] = 0.5
+    hold: Annotated[Time, Key("Rest of a simulated rig before the start and after the end.", "give a second where a "
+        "logger needs time to begin; the references then start at rest.")] = 0.0
+    experiments: Annotated[int | None, Key("Number of experiments in each realisation (default: as many as motors, "
+        "each with all motors moving).", "fewer save robot time by that factor, for the local methods of `estimator` "
+        "alone, which separate inputs by neighbouring lines; they need periods so long that many lines lie within each "
+        "resonance.")] = None
+    simulated: Annotated[SimulatedSpec | None, Key("Simulated rig: a model of the robot in place of the real one.",
+        "for planning, for learning, and to see whether the parameters can be found at all before the robot is "
+        "booked.")] = None
+    recorded: Annotated[RecordedSpec | None, Key("Recorded rig: logs that were measured already.", "for logs of the "
+        "robot itself; channels and files say what is in them.")] = None
+    responses: Annotated[ResponsesSpec | None, Key("Frequency responses that another program has estimated.",
+        "for FRFs with or without their uncertainty; records are to be preferred where they exist, since they show "
+        "distortion and transients.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Exactly one kind; counts that give a variance."""

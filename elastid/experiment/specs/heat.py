@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from elastid.base.section import section
+from typing import Annotated
+
+from elastid.base.section import Key, section
 from elastid.base.units import Conductance, Temperature, TemperatureRise, Time
 
 
@@ -11,26 +13,23 @@ class HeatSpec:
     r"""Heat of each joint of a friction study, for friction laws that have a `temperature`.
 
     .. math:: C \dot T = \tau_f v - h (T - T_a)
-
-    conductance: h, from the joint to the room. -- smaller for hotter joints: the final rise is the heat of friction
-    over it, commonly 10 to 40 K.
-    time_constant: C / h. -- 45 minutes are usual for gears of medium robots; larger gears take up to two hours.
-    ambient: T_a, of the room. -- that of the hall; losses count from it, and joints start there unless `start` is
-    given.
-    start: T of every joint at the start (default: ambient). -- above ambient for a robot that has worked before; the
-    warm-up then shows less of the fall.
-    thermometer_std: of the logged temperature; one error for each motion. -- 0.5 to 2 K for sensors on the housing; its
-    error goes into the numbers of the temperature law as one per motion.
-    has_thermometer: whether temperatures are logged at all. -- false for robots that log none; the law then has no
-    temperature terms, and drift shows as scatter.
     """
 
-    conductance: Conductance
-    time_constant: Time = 2700.0
-    ambient: Temperature = 20.0
-    start: Temperature | None = None
-    thermometer_std: TemperatureRise = 0.0
-    has_thermometer: bool = True
+    # fmt: off
+    conductance: Annotated[Conductance, Key("Thermal conductance h from the joint to the room.", "smaller for hotter "
+        "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.")]
+    time_constant: Annotated[Time, Key("Thermal time constant C / h of the joint.", "45 minutes are usual for gears of "
+        "medium robots; larger gears take up to two hours.")] = 2700.0
+    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "that of the hall; losses count from it, and "
+        "joints start there unless `start` is given.")] = 20.0
+    start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
+        "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
+    thermometer_std: Annotated[TemperatureRise, Key("Standard deviation of the logged temperature; one error for each "
+        "motion.", "0.5 to 2 K for sensors on the housing; its error goes into the numbers of the temperature law as "
+        "one per motion.")] = 0.0
+    has_thermometer: Annotated[bool, Key("Temperatures are logged if true.", "false for robots that log none; the law "
+        "then has no temperature terms, and drift shows as scatter.")] = True
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a joint without heat capacity, or one that nothing cools."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.cascade import CascadeSpec
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
@@ -15,70 +15,60 @@ Period: TypeAlias = Time | Literal["find", "none"]
 
 @section
 class TextFormatSpec:
-    """How CSV and text logs are written.
+    """Format of CSV and text logs."""
 
-    delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs). -- `;` comes with a decimal comma,
-    `whitespace` with most MATLAB and Fortran text.
-    decimal: `,` for numbers such as 1,5. -- for logs from machines with German or French settings; the delimiter must
-    then be another sign.
-    header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers. --
-    where a preamble of text precedes the headings; headings alone are found without it.
-    comment: begins a line that is skipped. -- where notes in the file begin with % or //, as in exports of some data
-    loggers.
-    """
-
-    delimiter: str = ","
-    decimal: Literal[".", ","] = "."
-    header_lines: int = 0
-    comment: str = "#"
+    # fmt: off
+    delimiter: Annotated[str, Key("Delimiter between columns: a character, `tab`, or `whitespace` (any run of blanks "
+        "and tabs).", "`;` comes with a decimal comma, `whitespace` with most MATLAB and Fortran text.")] = ","
+    decimal: Annotated[Literal[".", ","], Key("Decimal mark, `,` for numbers such as 1,5.", "for logs from machines "
+        "with German or French settings; the delimiter must then be another sign.")] = "."
+    header_lines: Annotated[int, Key("Number of lines to skip; headings are the last of them or the first line after "
+        "them that holds no numbers.", "where a preamble of text precedes the headings; headings alone are found "
+        "without it.")] = 0
+    comment: Annotated[str, Key("Character that begins a line that is skipped.", "where notes in the file begin with % "
+        "or //, as in exports of some data loggers.")] = "#"
+    # fmt: on
 
 
 @section
 class FileSpec:
-    """One log file and its contents.
+    """One log file and its contents."""
 
-    path: relative to the study. -- put the logs beside the study, so that both move together.
-    configuration: that it was measured in. Studies of friction need none but for joints at rest that are not in the
-    log. -- one of experiment.configurations; logs of one posture are estimated together.
-    realisation: of the phases, from 0. -- another number for other random phases; the same phases again tell nothing
-    new of distortion.
-    experiment: of the realisation, from 0. -- count up within a realisation, as many as motors unless a local method is
-    used.
-    samples: [first, last) to use of it. -- to cut off what is before the start, or after a stop; whole periods are
-    found by themselves.
-    also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
-    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out. -- for
-    signals of another logger; without a common signal the delay is not known, and phase is then wrong by 360 deg times
-    frequency times delay.
-    period: of this file where it differs from those of the others. -- where files of several excitations are in one
-    study; `none` for a single transient among them.
-    period_samples: of this file where it differs from those of the others. -- for one file whose clock drifted, in the
-    place of its period in s.
-    joint: name of the one that moves (default: every one whose torque and position are logged and that moves). -- where
-    several joints move and only one is to be identified from this log.
-    purpose: passes and any other motion, or loops of growing torque before the joint slides. -- loops for logs that
-    reverse before they break away; plateaus are not looked for there.
-    speed: of the passes in it (default: plateaus are found at any speed). -- where plateaus of several speeds lie close
-    together, or noise makes the finder take a wrong one.
-    load: name of one of friction.loads. -- name it in every log of a study with loads; logs without it count as the
-    robot alone.
-    temperature: of the joint, where no channel of role t has it. -- a hand thermometer's reading; two of them let
-    friction depend on temperature, three over more than 20 K tell how.
-    """
-
-    path: str
-    configuration: str = ""
-    realisation: int = 0
-    experiment: int = 0
-    samples: tuple[int, int] | None = None
-    also: tuple[str, ...] = ()
-    period: Period | None = None
-    period_samples: float | None = None
-    joint: str = ""
-    purpose: Literal["motion", "loops"] = "motion"
-    speed: JointVelocity | None = None
-    load: str = ""
-    temperature: Temperature | None = None
+    # fmt: off
+    path: Annotated[str, Key("Path of the log file, relative to the study.", "put the logs next to the study, so that "
+        "both move together.")]
+    configuration: Annotated[str, Key("Configuration that the file was measured in. Studies of friction need none but "
+        "for joints at rest that are not in the log.", "one of experiment.configurations; logs of one posture are "
+        "estimated together.")] = ""
+    realisation: Annotated[int, Key("Number of the phases' realisation, from 0.", "another number for other random "
+        "phases; the same phases again add nothing about distortion.")] = 0
+    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "count up within a "
+        "realisation, as many as motors unless a local method is used.")] = 0
+    samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
+        "what is before the start, or after a stop; whole periods are found by themselves.")] = None
+    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, started at other times. Each must hold "
+        "the excitation r (or one period of it and nothing else) of a motor whose r or u is in `path`; its delay is "
+        "found from that, and taken out.", "for signals of another logger; without a common signal the delay is not "
+        "known, and phase is then wrong by 360 deg times frequency times delay.")] = ()
+    period: Annotated[Period | None, Key("Period of the excitation in this file where it differs from that of the "
+        "others.", "where files of several excitations are in one study; `none` for a single transient among "
+        "them.")] = None
+    period_samples: Annotated[float | None, Key("Period of the excitation in this file in samples where it differs "
+        "from that of the others.", "for one file whose clock drifted, in the place of its period in s.")] = None
+    joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
+        "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
+    purpose: Annotated[Literal["motion", "loops"], Key("Purpose of the motion: passes and any other motion, or loops "
+        "of growing torque before the joint slides.", "loops for logs that reverse before they break away; plateaus "
+        "are not looked for there.")] = "motion"
+    speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
+        "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
+        "one.")] = None
+    load: Annotated[str, Key("Name of one of friction.loads.", "name it in every log of a study with loads; logs "
+        "without it count as the robot alone.")] = ""
+    temperature: Annotated[Temperature | None, Key("Temperature of the joint, where no channel of role t has it.",
+        "a hand thermometer's reading; two of them let friction depend on temperature, three over more than 20 K show "
+        "how.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """At most one period; a speed is positive."""
@@ -89,45 +79,42 @@ class FileSpec:
 
 @section
 class RecordedSpec:
-    """A rig that is a folder of lab logs.
+    """A rig that is a folder of lab logs."""
 
-    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it. -- the clock of the log; a wrong number
-    scales all frequencies and, squared, all stiffnesses. `unknown` is for structures without a robot.
-    channels: the signals. -- at least one torque (u) and one motion (y); give r as well where the injected torque is
-    logged, which closed-loop estimators use.
-    files: the logs. -- one entry an experiment; realisations and experiments are numbered in each configuration from 0.
-    period: of the excitation, `find` where it is to be found in the torques, or `none`, as without the key: the whole
-    record is then one transient (noise, a sweep from rest). -- the number that the generator had is best; `find` needs
-    two periods in the log and lines that stand out; `none` for noise and for sweeps from rest.
-    period_samples: the same in samples, in place of period, whole or not. -- where the clocks of generator and logger
-    differ and the period is no whole number of samples, such as 12480.02.
-    text: format of CSV files. -- where `elastid inspect` shows one column in place of several, or numbers as text.
-    half_wave: the excitation has odd lines only, so that the second half of a period is minus the first; each half then
-    counts as a repetition, and one period gives a noise level. -- true for odd grids with few periods; wrong for full
-    or even lines, whose response it would halve into noise.
-    time: name of the channel that holds the time in s; gaps in it are missing samples. -- give it for logs with
-    dropouts or jitter; with a fixed clock rate_hz is enough.
-    hold: of the acting torques between their samples. `zero-order` where u is a command that the drive keeps from each
-    sample to the next: it acts half a sample later than its samples say, and weaker by a sinc, and angles (quantity:
-    position) that are logged at the same rate, sampled without a filter, contain images of it, which the model then has
-    too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it. -- a
-    wrong choice costs half a sample of delay and, towards half the rate, a sinc; a misfit that grows so towards the
-    upper edge is its sign (residuals 1.27 times the noise and a spring off by 13 % in one case). Measured torques have
-    passed a filter, hence the default.
-    controller: of the robot, in studies of friction whose channels have its reference. -- so that validation replays
-    the logs in closed loop; without it the law is judged on torques alone.
-    """
-
-    rate_hz: Frequency | Literal["unknown"]
-    channels: tuple[ChannelSpec, ...]
-    files: tuple[FileSpec, ...]
-    period: Period | None = None
-    period_samples: float | None = None
-    text: TextFormatSpec = TextFormatSpec()
-    half_wave: bool = False
-    time: str = ""
-    hold: Hold = "band-limited"
-    controller: CascadeSpec | None = None
+    # fmt: off
+    rate_hz: Annotated[Frequency | Literal["unknown"], Key("Sampling rate of the logs, or `unknown`: frequencies are "
+        "then in units of it.", "the clock of the log; a wrong number scales all frequencies and, squared, all "
+        "stiffnesses. `unknown` is for structures without a robot.")]
+    channels: Annotated[tuple[ChannelSpec, ...], Key("Signals of the logs.", "at least one torque (u) and one motion "
+        "(y); give r as well where the injected torque is logged, which closed-loop estimators use.")]
+    files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry an experiment; realisations and experiments "
+        "are numbered in each configuration from 0.")]
+    period: Annotated[Period | None, Key("Period of the excitation, `find` where it is to be found in the torques, or "
+        "`none`, as without the key: the whole record is then one transient (noise, a sweep from rest).", "the number "
+        "that the generator had is best; `find` needs two periods in the log and lines that stand out; `none` for "
+        "noise and for sweeps from rest.")] = None
+    period_samples: Annotated[float | None, Key("Period of the excitation in samples, in place of period, whole or "
+        "not.", "where the clocks of generator and logger differ and the period is no whole number of samples, such as "
+        "12480.02.")] = None
+    text: Annotated[TextFormatSpec, Key("Format of CSV files.", "where `elastid inspect` shows one column in place of "
+        "several, or numbers as text.")] = TextFormatSpec()
+    half_wave: Annotated[bool, Key("The excitation has odd lines only if true, so that the second half of a period is "
+        "minus the first; each half then counts as a repetition, and one period gives a noise level.", "true for odd "
+        "grids with few periods; wrong for full or even lines, whose response it would halve into noise.")] = False
+    time: Annotated[str, Key("Name of the channel that holds the time in s; gaps in it are missing samples.", "give it "
+        "for logs with dropouts or jitter; with a fixed clock rate_hz is enough.")] = ""
+    hold: Annotated[Hold, Key("Course of the acting torques between their samples. `zero-order` where u is a command "
+        "that the drive keeps from each sample to the next: it acts half a sample later than its samples say, and "
+        "weaker by a sinc, and angles (quantity: position) that are logged at the same rate, sampled without a filter, "
+        "contain images of it, which the model then has too. `band-limited` where u was measured through a filter, or "
+        "logged much faster than the drive updates it.", "a wrong choice costs half a sample of delay and, towards "
+        "half the rate, a sinc; a misfit that grows so towards the upper edge is its sign (residuals 1.27 times the "
+        "noise and a spring off by 13 % in one case). Measured torques have passed a filter, hence the "
+        "default.")] = "band-limited"
+    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, in studies of friction whose channels have "
+        "its reference.", "so that validation replays the logs in closed loop; without it the law is judged on torques "
+        "alone.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """One period at most; at least one input and one output."""

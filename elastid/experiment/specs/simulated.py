@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.section import section
+from elastid.base.section import Key, section
 from elastid.base.units import (
     Frequency,
     JointPosition,
@@ -20,29 +20,27 @@ from elastid.base.units import (
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.experiment.specs.heat import HeatSpec
 from elastid.model.spec import ModelSpec
-from elastid.simulation.spec import StabilisationSpec
 
 
 @section
 class ControllerSpec:
-    """The joint controller that closes the loop: position and velocity feedback of the motor, gravity feed-forward.
+    """The joint controller that closes the loop: position and velocity feedback of the motor, gravity feed-forward."""
 
-    bandwidth_hz: of the position loop about the configuration. -- low, so that the plant and not the loop is excited:
-    below a third of the first antiresonance. Higher holds posture against friction, and takes low lines out of the
-    motion. 1.5 Hz is a third of 4.5 Hz, about where a large axis has its first antiresonance.
-    damping_ratio: of that loop. -- 0.7 to 1; less lets the robot swing at bandwidth_hz, more makes the end of a
-    reference slow. 0.8 overshoots by less than 2 %.
-    kind: `pd`, or the `cascade` of robot controllers, a proportional position loop around a velocity loop. -- `cascade`
-    where the rig stands for an industrial controller, whose integral ends the error of friction; `pd` has two numbers
-    and no memory, so that nothing but the robot rings.
-    integral_time: of the cascade's velocity loop (default: three times 1 / (2 pi bandwidth_hz)). -- shorter removes the
-    error of friction and gravity sooner and costs stability: the study is refused below the limit of Routh's criterion.
-    """
-
-    bandwidth_hz: Frequency = 1.5
-    damping_ratio: float = 0.8
-    kind: Literal["pd", "cascade"] = "pd"
-    integral_time: Time | None = None
+    # fmt: off
+    bandwidth_hz: Annotated[Frequency, Key("Bandwidth of the position loop about the configuration.", "low, so that "
+        "the plant and not the loop is excited: below a third of the first antiresonance. Higher holds posture against "
+        "friction, and takes low lines out of the motion. 1.5 Hz is a third of 4.5 Hz, about where a large axis has "
+        "its first antiresonance.")] = 1.5
+    damping_ratio: Annotated[float, Key("Damping ratio of the position loop.", "0.7 to 1; less lets the robot swing at "
+        "bandwidth_hz, more makes the end of a reference slow. 0.8 overshoots by less than 2 %.")] = 0.8
+    kind: Annotated[Literal["pd", "cascade"], Key("Structure of the controller: `pd`, or the `cascade` of robot "
+        "controllers, a proportional position loop around a velocity loop.", "`cascade` where the rig stands for an "
+        "industrial controller, whose integral ends the error of friction; `pd` has two numbers and no memory, so that "
+        "nothing but the robot rings.")] = "pd"
+    integral_time: Annotated[Time | None, Key("Integral time of the cascade's velocity loop (default: three times 1 / "
+        "(2 pi bandwidth_hz)).", "shorter removes the error of friction and gravity sooner and costs stability: the "
+        "study is refused below the limit of Routh's criterion.")] = None
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a loop that cannot hold the robot."""
@@ -68,31 +66,30 @@ class ControllerSpec:
 
 @section
 class CarrierSpec:
-    """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking.
+    """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking."""
 
-    kind: `sine`: q(t) = amplitude * sin(2 pi cycles t / period). `square`: the velocity is a square wave of `velocity`
-    with so many cycles a period, filtered at cutoff_hz, without the harmonics that fall on analysed lines. `offset`:
-    constant `velocity` (its sign the direction), through the configuration in the middle of the measured periods; the
-    multisine is kept so small that no motor turns back. Sine and square are periodic with the multisine, on lines below
-    the excited band. -- `sine` reverses twice a cycle and sticks briefly there; `square` turns quickly, for small
-    speeds; `offset` never reverses and leaves dry friction out of the response, and takes range: velocity times the
-    whole record.
-    amplitude: link-side, one for all joints or one for each; in m and m/s of those that slide. -- so large that 2 pi
-    cycles / period times it keeps the peak speed above the multisine's own over most of the period; smaller where
-    limits or a change of posture of some degrees count.
-    velocity: link-side, one for all joints or one for each; in m and m/s of those that slide. -- above the Stribeck
-    velocity of the gear, and above the multisine's peak speed, so that friction keeps one sign.
-    cycles: of a sine or square, in a period of the multisine. -- 1 keeps the carrier's line farthest below the band;
-    more for higher speed with the same swing.
-    cutoff_hz: of the filter of a square. -- higher for shorter reversals, lower where their harmonics would shake the
-    first mode. 1 Hz has been used on a real axis that turned its motor at 20 rad/s.
-    """
-
-    amplitude: JointPosition | tuple[JointPosition, ...] | None = None
-    cycles: int = 1
-    kind: Literal["sine", "square", "offset"] = "sine"
-    velocity: JointVelocity | tuple[JointVelocity, ...] | None = None
-    cutoff_hz: Frequency = 1.0
+    # fmt: off
+    amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Amplitude of the movement on the link "
+        "side, one for all joints or one for each; in m of those that slide.", "so large that 2 pi cycles / period "
+        "times it keeps the peak speed above the multisine's own over most of the period; smaller where limits or a "
+        "change of posture of some degrees count.")] = None
+    cycles: Annotated[int, Key("Cycles of a sine or square in a period of the multisine.", "1 keeps the carrier's line "
+        "farthest below the band; more for higher speed with the same swing.")] = 1
+    kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
+        "pi cycles t / period). `square`: the velocity is a square wave of `velocity` with so many cycles a period, "
+        "filtered at cutoff_hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
+        "sign the direction), through the configuration in the middle of the measured periods; the multisine is kept "
+        "so small that no motor turns back. Sine and square are periodic with the multisine, on lines below the "
+        "excited band.", "`sine` reverses twice a cycle and sticks briefly there; `square` turns quickly, for small "
+        "speeds; `offset` never reverses and leaves dry friction out of the response, and takes range: velocity times "
+        "the whole record.")] = "sine"
+    velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed of the movement on the link side, "
+        "one for all joints or one for each; in m/s of those that slide.", "above the Stribeck velocity of the gear, "
+        "and above the multisine's peak speed, so that friction keeps one sign.")] = None
+    cutoff_hz: Annotated[Frequency, Key("Cut-off frequency of the filter of a square.", "higher for shorter reversals, "
+        "lower where their harmonics would shake the first mode. 1 Hz has been used on a real axis that turned its "
+        "motor at 20 rad/s.")] = 1.0
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a carrier that does not move."""
@@ -123,55 +120,44 @@ class CarrierSpec:
 
 @section
 class SimulatedSpec:
-    """A rig that is a model: the study's robot with some of its numbers replaced by the truth that the fit must find.
+    """A rig that is a model: the study's robot, with the truth that the fit must find in place of some numbers."""
 
-    truth: parameter name to value. -- give the numbers that the fit should find, such as {k_2: 8e5}, away from the
-    robot's own by the error that you expect of them; without it the fit starts at the answer.
-    outputs: places that are logged (default: every motor): `motor 1`, `joint 1`, `body arm z` and `frame tool rz` as
-    angles, `frame tool z` and `accelerometer tool z` as accelerations. -- add the tool's accelerations where motor
-    angles alone leave bearing or link springs ill-conditioned; each place adds rows to every response and to the time
-    of a fit.
-    controller: of the joints. -- give the bandwidth of the real loop where the plan is for a real robot, since the loop
-    shapes what reaches the joints.
-    carrier: a slow movement beside the excitation (default: none). -- with dry friction, always: joints that stick and
-    slip in turn distort the low lines. Without friction it only takes range from the limits.
-    noise: of the sensors. -- the levels of the real sensors make the predicted intervals those of the robot; all are 0
-    unless given, and intervals then show the integration error alone.
-    substeps: integration steps per sample of the controller. -- more where a stiff spring with light mass asks for it
-    (the rig says so), or to see that results do not change with it; the simulation takes that many times as long.
-    model: the rig's equations, independent of the fit's. -- another formulation or variant than the fit's shows what
-    that approximation costs in parameters.
-    loops: how those of a linkage are kept closed. -- for a linkage whose loops drift apart over long records; trees and
-    cut rods have nothing to close.
-    saturation: motor torques are clipped at the joints' limits.torque; without it, exceeding them is reported. -- true
-    shows what a robot whose drives clip does to the responses; a plan within limits needs it not.
-    encoder_ripple: errors that repeat with the motors' turns. -- for gears and encoders whose errors of a turn fall
-    into the band at the speed of the carrier.
-    torque_ripple: errors that repeat with the motors' turns. -- for motors whose cogging is above the noise of the
-    torque; a carrier turns it into lines of its own.
-    warming: how friction drifts. -- to try whether a fit, or a plan of several hours, survives friction that falls by
-    tens of percent as gears warm.
-    heat: of joints whose friction is identified (default: their temperature does not change). -- in a study of friction
-    whose law has temperature terms; without it warm_up has nothing to show.
-    compiled: the equations are compiled by the C compiler of the machine ($CC, cc, gcc or clang) in a temporary folder.
-    -- true where minutes of robot time are simulated: about three times as fast, with the same bytes. Without a
-    compiler a warning says so, and the equations are interpreted.
-    """
-
-    truth: dict[str, Quantity] = field(default_factory=dict)
-    outputs: tuple[str, ...] = ()
-    controller: ControllerSpec = ControllerSpec()
-    carrier: CarrierSpec | None = None
-    noise: NoiseSpec = NoiseSpec()
-    substeps: int = 2
-    saturation: bool = False
-    encoder_ripple: tuple[EncoderRippleSpec, ...] = ()
-    torque_ripple: tuple[TorqueRippleSpec, ...] = ()
-    warming: WarmingSpec | None = None
-    heat: HeatSpec | None = None
-    model: ModelSpec = ModelSpec()
-    loops: StabilisationSpec = StabilisationSpec()
-    compiled: bool = False
+    # fmt: off
+    truth: Annotated[dict[str, Quantity], Key("True parameters of the simulated robot, name to value.", "give the "
+        "numbers that the fit should find, such as {k_2: 8e5}, away from the robot's own by the error that you expect "
+        "of them; without it the fit starts at the answer.")] = field(default_factory=dict)
+    outputs: Annotated[tuple[str, ...], Key("Places whose motion is logged (default: every motor): `motor 1`, `joint "
+        "1`, `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.",
+        "add the tool's accelerations where motor angles alone leave bearing or link springs ill-conditioned; each "
+        "place adds rows to every response and to the time of a fit.")] = ()
+    controller: Annotated[ControllerSpec, Key("Controller of the joints.", "give the bandwidth of the real loop where "
+        "the plan is for a real robot, since the loop shapes what reaches the joints.")] = ControllerSpec()
+    carrier: Annotated[CarrierSpec | None, Key("Slow movement under the excitation (default: none).", "with dry "
+        "friction, always: joints that stick and slip in turn distort the low lines. Without friction it only takes "
+        "range from the limits.")] = None
+    noise: Annotated[NoiseSpec, Key("Noise of the sensors and disturbances.", "the levels of the real sensors make the "
+        "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
+        "alone.")] = NoiseSpec()
+    substeps: Annotated[int, Key("Number of integration steps per sample of the controller.", "more where a stiff "
+        "spring with light mass asks for it (the rig says so), or to see that results do not change with it; the "
+        "simulation takes that many times as long.")] = 2
+    saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
+        "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
+        "limits needs it not.")] = False
+    encoder_ripple: Annotated[tuple[EncoderRippleSpec, ...], Key("Errors of the encoders that repeat with the motors' "
+        "turns.", "for gears and encoders whose errors of a turn fall into the band at the speed of the carrier.")] = ()
+    torque_ripple: Annotated[tuple[TorqueRippleSpec, ...], Key("Cogging torques that repeat with the motors' turns.",
+        "for motors whose cogging is above the noise of the torque; a carrier turns it into lines of its own.")] = ()
+    warming: Annotated[WarmingSpec | None, Key("Drift of friction as the robot warms.", "to try whether a fit, or a "
+        "plan of several hours, survives friction that falls by tens of percent as gears warm.")] = None
+    heat: Annotated[HeatSpec | None, Key("Temperature of joints whose friction is identified (default: constant).",
+        "in a study of friction whose law has temperature terms; without it warm_up has nothing to show.")] = None
+    model: Annotated[ModelSpec, Key("Equations of motion of the rig, independent of those of the fit.", "another "
+        "formulation or variant than the fit's shows what that approximation costs in parameters.")] = ModelSpec()
+    compiled: Annotated[bool, Key("The equations are compiled by the C compiler of the machine ($CC, cc, gcc or clang) "
+        "in a temporary folder.", "true where minutes of robot time are simulated: about three times as fast, with the "
+        "same bytes. Without a compiler a warning says so, and the equations are interpreted.")] = False
+    # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""

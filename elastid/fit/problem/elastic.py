@@ -98,18 +98,6 @@ class Part:
             compressed=other.normal.residuals,
         )
 
-    def below(self, edge_hz: float) -> Part:
-        """The same without the lines above a frequency."""
-        keep = self.kernel.freq_hz <= edge_hz
-        return replace(
-            self,
-            kernel=replace(self.kernel, freq_hz=self.kernel.freq_hz[keep]),
-            measured=self.measured[keep],
-            gain=self.gain[keep],
-            whitening=self.whitening and self.whitening.lines(keep),
-            compressed=None,
-        )
-
     def whitened(self, theta: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each.
 

@@ -29,7 +29,7 @@ from elastid.fit.solve.local_optimum import LocalOptimum, distance, is_far_from_
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.weight_spec import WeightSpec
-from elastid.fit.weights.weights import Weights, normalised, weigh
+from elastid.fit.weights.weights import Weights, weigh
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.spring_preload import spring_notes
@@ -76,8 +76,6 @@ class Assembly:
     ) -> Assembly:
         """Weigh the responses and build the model."""
         weights = tuple(weigh(response, spec) for response in responses)
-        if spec.weights.normalise:
-            weights = normalised(weights, responses)
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
         moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
         if not linearisation.is_affine_in(moved):
@@ -143,13 +141,6 @@ class Assembly:
         factors = find_factors(self.responses)
         corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
         return replace(self, responses=tuple(corrected))
-
-
-def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
-    """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
-    freq_hz = np.unique(np.concatenate([part.kernel.freq_hz for part in fit.parts]))
-    edges = [freq_hz[math.ceil(len(freq_hz) * band / bands) - 1] for band in range(1, bands)]
-    return [replace(fit, parts=tuple(part.below(edge) for part in fit.parts)) for edge in edges]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,1 @@
-"""Weights of the elements of a measured response: variances, their smoothing, full covariances, masks."""
+"""How much each element of a measured response counts: variances, their smoothing, full covariances, factors."""

@@ -19,7 +19,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
+from elastid.fit.weight_spec import FactorSpec, misnamed
 from elastid.fit.weights.full_covariance import weighs_correlations
 from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.response import Covariance, FrequencyResponse
@@ -65,7 +65,7 @@ class Weights:
 
 
 def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
-    """The weights of one measured response under the study's masks, band, floor, smoothing and factors.
+    """The weights of one measured response under the study's band, floor, smoothing and factors.
 
     Raises DataError where neither a variance nor a floor gives its lines a weight, and where a full covariance is
     asked for that is not there or singular.
@@ -81,7 +81,9 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
-    used = _asked_for(response, spec) & (factor > 0)
+    used = factor > 0
+    if spec.band_hz is not None:
+        used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
     notes: list[Note] = []
     if response.uncertainty is None:
         notes.append(
@@ -122,21 +124,6 @@ def with_diagonal_weights(spec: FitSpec) -> FitSpec:
     return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
 
 
-def normalised(weights: Sequence[Weights], responses: Sequence[FrequencyResponse]) -> tuple[Weights, ...]:
-    """Weights with which every configuration has the same sum |G|^2 / sigma^2, the geometric mean of what they had."""
-    power = np.array(
-        [
-            np.sum(w.factor[w.used] * np.abs(r.G[w.used] / w.sigma[w.used]) ** 2)
-            for w, r in zip(weights, responses, strict=True)
-        ]
-    )
-    some = power > 0
-    mean = np.exp(np.mean(np.log(power[some]))) if some.any() else 1.0
-    return tuple(
-        replace(w, factor=w.factor * (mean / p if p > 0 else 1.0)) for w, p in zip(weights, power, strict=True)
-    )
-
-
 def vec(array: FloatArray | ComplexArray) -> Any:
     """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
@@ -164,23 +151,13 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, MIN_CORRECTION)))
 
 
-def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:
-    """True for the elements (F, n_y, n_u) that band and masks leave."""
-    used = np.ones(response.G.shape, dtype=np.bool_)
-    if spec.band_hz is not None:
-        used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
-    for mask in spec.mask:
-        used &= ~_matches(response, mask)
-    return used
-
-
-def _matches(response: FrequencyResponse, mask: MaskSpec | FactorSpec) -> BoolArray:
-    """Where all that a mask or a factor gives is true (F, n_y, n_u)."""
-    if mask.configurations and response.configuration.name not in mask.configurations:
+def _matches(response: FrequencyResponse, factor: FactorSpec) -> BoolArray:
+    """Where all that a factor gives is true (F, n_y, n_u)."""
+    if factor.configurations and response.configuration.name not in factor.configurations:
         return np.zeros(response.G.shape, dtype=np.bool_)
-    lines = _within(response.freq_hz, mask.band_hz) if mask.band_hz else np.ones(response.n_lines, dtype=np.bool_)
-    outputs = np.array([mask.output in ("", name) for name in response.outputs])
-    inputs = np.array([mask.input in ("", name) for name in response.inputs])
+    lines = _within(response.freq_hz, factor.band_hz) if factor.band_hz else np.ones(response.n_lines, dtype=np.bool_)
+    outputs = np.array([factor.output in ("", name) for name in response.outputs])
+    inputs = np.array([factor.input in ("", name) for name in response.inputs])
     return np.asarray(lines[:, None, None] & outputs[:, None] & inputs)
 
 
@@ -204,19 +181,14 @@ def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
     )
 
 
-def check_masks(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
-    """Refuse a mask or a factor that names what was not measured; StudyError says what was."""
-    _check_places(responses, "fit.mask", spec.mask)
-    _check_places(responses, "fit.weights.factors", spec.weights.factors)
-
-
-def _check_places(responses: Sequence[FrequencyResponse], key: str, masks: Sequence[MaskSpec | FactorSpec]) -> None:
+def check_factors(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
+    """Refuse a factor that names anything that was not measured; StudyError says what was."""
     measured = {
         "configurations": {r.configuration.name for r in responses},
         "output": {name for r in responses for name in r.outputs},
         "input": {name for r in responses for name in r.inputs},
     }
-    for i, mask in enumerate(masks):
-        for path, noun, name in misnamed(mask, measured):
+    for i, factor in enumerate(spec.weights.factors):
+        for path, noun, name in misnamed(factor, measured):
             known = did_you_mean(name, sorted(measured[str(path[0])]))
-            raise StudyError(f"{key}[{i}]: no {noun} '{name}' was measured; {known}")
+            raise StudyError(f"fit.weights.factors[{i}]: no {noun} '{name}' was measured; {known}")

@@ -41,6 +41,8 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Degrees of freedom of a useful variance, at least: its standard deviation is then 40 %.
 _MIN_DOF = 6
+# Degrees of freedom beyond the number of outputs.
+_MARGIN_DOF = 2
 # Errors of G are correlated over this share of a window: 1 / (n sum w^2) of a local quadratic is 4/9, with more
 # parameters less.
 _CORRELATED_SHARE = 4 / 9
@@ -157,7 +159,7 @@ def _windows(
     Where each experiment has a transient of its own, only different excitations tell the response from it.
     """
     Z, R = signals
-    dof = max(len(first.outputs) + spec.local_margin, _MIN_DOF)
+    dof = max(len(first.outputs) + _MARGIN_DOF, _MIN_DOF)
     E = independent_excitations(R, terms.width(dof, 1, Z.shape[2])) if terms.transient else len(Z)
     n_w = terms.width(dof, E, Z.shape[2])
     if n_w > len(lines):

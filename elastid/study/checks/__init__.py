@@ -12,15 +12,11 @@ from pathlib import Path
 from elastid.study.checks.design import check_design
 from elastid.study.checks.estimator import check_estimator
 from elastid.study.checks.excitation import check_excitation, check_lines
-from elastid.study.checks.experiment import check_experiment, check_plan_keys
-from elastid.study.checks.fit import check_fit
+from elastid.study.checks.experiment import check_experiment, check_plan_keys, check_simulated, check_structure
+from elastid.study.checks.fit import check_fit, check_model, check_moved_inertias
 from elastid.study.checks.friction import check_friction
-from elastid.study.checks.inertia import check_moved_inertias
-from elastid.study.checks.model import check_model
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
-from elastid.study.checks.simulated import check_simulated
-from elastid.study.checks.structure import check_structure
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 

@@ -13,7 +13,7 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.study.checks.names import check_name, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 _DESIGN: KeyPath = ("design",)
 _CANDIDATES: KeyPath = ("design", "candidates")

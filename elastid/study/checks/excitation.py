@@ -15,7 +15,7 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 
 def check_excitation(study: Study) -> Iterator[Problem]:

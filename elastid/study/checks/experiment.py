@@ -1,4 +1,4 @@
-"""The section `experiment` against robot, excitation and estimator: number of experiments, angles of configurations."""
+"""The section `experiment` against the rest of the study: configurations, simulated rig, studies without a robot."""
 
 from __future__ import annotations
 
@@ -8,17 +8,24 @@ from dataclasses import fields
 
 import numpy as np
 
-from elastid.robot import Joint
-from elastid.study.checks.names import check_name
+from elastid.experiment.specs.disturbances import WarmingSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
+from elastid.robot import Joint, Robot
+from elastid.study.checks.fit import check_model
+from elastid.study.checks.names import check_name, check_place, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 # Keys of a plan, which logs and responses from elsewhere do not follow.
 PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 # Positions beyond which a joint without limits was given in another unit: two turns in rad, and a long rail in m.
 MAX_ANGLE = 4 * math.pi
 MAX_TRAVEL = 50.0
+_SIMULATED: KeyPath = ("experiment", "simulated")
+# Sections that only stages with a robot read.
+_OF_A_ROBOT = ("excitation", "design", "model", "fit", "validation", "compare")
 
 
 def check_experiment(study: Study) -> Iterator[Problem]:
@@ -115,3 +122,65 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
         f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
         f"{joint.unit}"
     )
+
+
+def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
+    """A rig that can be simulated with this robot."""
+    robot, carrier = study.as_robot(), simulated.carrier
+    for i, output in enumerate(simulated.outputs):
+        yield from check_place((*_SIMULATED, "outputs", i), output, robot)
+    if simulated.saturation and (refused := saturation_refusal(robot)):
+        yield Problem((*_SIMULATED, "saturation"), refused)
+    if refused := chain_refusal(robot):
+        yield Problem(_SIMULATED, refused, at_key=True)
+    yield from check_model((*_SIMULATED, "model"), simulated.model, robot)
+    if carrier is not None:
+        yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
+        yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
+    if simulated.warming is not None:
+        yield from _check_temperatures(robot, simulated.warming)
+
+
+def _check_temperatures(robot: Robot, warming: WarmingSpec) -> Iterator[Problem]:
+    """Temperatures act on some friction law, and leave each a stiction."""
+    if warming.temperature is None:
+        return
+    from elastid.friction.robot_friction import frictions  # brings CasADi, which few checks need
+
+    path: KeyPath = (*_SIMULATED, "warming", "temperature")
+    laws = [law for law in frictions(robot) if law.spec.temperature is not None]
+    if not laws:
+        message = "no friction of the robot depends on temperature; give a `temperature` to its friction, or drop this"
+        yield Problem(path, message)
+    for law in laws:
+        for temperature in warming.temperature:
+            try:
+                law.curve(0.0, temperature)
+            except ValueError as error:
+                yield Problem(path, str(error))
+
+
+def check_structure(study: Study) -> Iterator[Problem]:
+    """Every contradiction between the sections of a study without a robot, its files and channels excepted."""
+    experiment = study.experiment
+    if experiment.simulated is not None:
+        message = "the experiment is simulated, and the robot is what the rig simulates; give the path of its file"
+        yield Problem(("robot",), message, at_key=True)
+        return
+    for section, default in ((f.name, f.default) for f in fields(Study) if f.name in _OF_A_ROBOT):
+        if getattr(study, section) != default:
+            message = "this section needs a robot, and the study has none; give robot: its file, or drop the section"
+            yield Problem((section,), message, at_key=True)
+    if not experiment.configurations:
+        message = (
+            "no configuration is given; name each state of the structure that was measured, for example {bench: []}"
+        )
+        yield Problem(("experiment", "configurations"), message)
+    for name, angles in experiment.configurations.items():
+        path = ("experiment", "configurations", name)
+        yield from check_name(path)
+        if refused := study.places.count_refusal(len(angles)):
+            yield Problem(path, refused)
+    if experiment.experiments is not None:
+        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
+        yield Problem(("experiment", "experiments"), message, at_key=True)

@@ -1,15 +1,19 @@
-"""The section `fit` against robot and experiment: groups of configurations, masks and factors, profiles, geometry."""
+"""The sections `fit` and `model` against robot and experiment: groups, weights, geometry, inertias, formulation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
+import numpy as np
+
 from elastid.base.errors import StudyError
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
-from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
+from elastid.fit.weight_spec import misnamed
+from elastid.model.spec import ModelSpec
+from elastid.robot import Body, Robot, unit_axis
 from elastid.study.checks.names import (
     check_name,
     check_names,
@@ -20,7 +24,7 @@ from elastid.study.checks.names import (
 )
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 _PARAMETERS: KeyPath = ("fit", "parameters")
 
@@ -28,7 +32,7 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 def check_fit(study: Study) -> Iterator[Problem]:
     """All of the section that depends on others; the parameters themselves are checked as they get their units."""
     yield from _check_groups(study)
-    yield from _check_masks(study)
+    yield from _check_factors(study)
     yield from _check_profile(study)
     yield from _check_geometry(study)
     yield from _check_inertias(study)
@@ -57,16 +61,12 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
-def _check_masks(study: Study) -> Iterator[Problem]:
-    """Masks and factors name configurations, outputs and inputs that are measured."""
+def _check_factors(study: Study) -> Iterator[Problem]:
+    """Factors name configurations, outputs and inputs that are measured."""
     known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
-    given: list[tuple[KeyPath, MaskSpec | FactorSpec]] = [
-        *((("fit", "mask", i), mask) for i, mask in enumerate(study.fit.mask)),
-        *((("fit", "weights", "factors", i), factor) for i, factor in enumerate(study.fit.weights.factors)),
-    ]
-    for path, mask in given:
-        for place, noun, name in misnamed(mask, known):
-            yield unknown((*path, *place), noun, name, known[str(place[0])])
+    for i, factor in enumerate(study.fit.weights.factors):
+        for place, noun, name in misnamed(factor, known):
+            yield unknown(("fit", "weights", "factors", i, *place), noun, name, known[str(place[0])])
 
 
 def _check_profile(study: Study) -> Iterator[Problem]:
@@ -117,3 +117,77 @@ def _check_inertias(study: Study) -> Iterator[Problem]:
             key for key in study.fit.parameters if any(fnmatchcase(e, key.partition(SEPARATOR)[0]) for e in entries)
         ]
         yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
+
+
+def check_moved_inertias(study: Study) -> Iterator[Problem]:
+    """The mass matrix is positive definite, also with the starts of the fit; else the body and the axis of a joint."""
+    robot = study.as_robot()
+    if not _may_be_singular(robot):
+        return
+    # Brings the equations' library, which other studies do without here.
+    from elastid.model.moved_inertia import joint_without_inertia
+    from elastid.model.parallel_linkage.closed_posture import assembled
+
+    # A simulated robot moves with the numbers of its file, one that was recorded with those of the fit.
+    starting = robot if study.experiment.simulated is not None else _at_start(study)
+    for name, angles in study.experiment.configurations.items():
+        try:
+            q = assembled(robot, np.array(angles, dtype=float))
+        except (StudyError, ValueError):
+            return  # reported where configurations are checked, or by the stage that closes the loops
+        still = joint_without_inertia(robot, q)
+        if still is not None and joint_without_inertia(starting, q) is not None:
+            yield _problem(robot, still, name)
+            return
+
+
+def _may_be_singular(robot: Robot) -> bool:
+    """Whether a motion of some body by its own joints may move no inertia; M is positive definite where none does."""
+    return not all(_resists(body) for body in robot.bodies if body.joints)
+
+
+def _resists(body: Body) -> bool:
+    """Whether a body at rest but for its own joints has kinetic energy, whatever the others do."""
+    moments = np.linalg.eigvalsh(body.inertia_matrix)
+    least = 1e-9 * moments[2]
+    if len(body.joints) > 1:
+        return bool(body.mass > 0 and moments[0] > least)
+    joint = body.joints[0]
+    e = unit_axis(joint.axis)
+    return bool(body.mass > 0 if joint.slides else e @ body.inertia_matrix @ e > least)
+
+
+def _at_start(study: Study) -> Robot:
+    """The robot with the starts of the parameters that are identified."""
+    robot = study.as_robot()
+    try:
+        parameters = choose(study.fit, robot, tuple(study.experiment.configurations))
+        theta = parameters.expand(parameters.x)
+        known = {name: value for name, value in zip(parameters.names, theta.tolist(), strict=True)
+                 if name.startswith(("m_", "c_", "I_")) and name in robot.numbers}  # fmt: skip
+        return robot.with_parameters(known)
+    except (StudyError, ValueError):
+        return robot  # reported where the parameters are checked
+
+
+def _problem(robot: Robot, still: int, configuration: str) -> Problem:
+    joint = robot.joints[still]
+    place, body = next((i, each) for i, each in enumerate(robot.bodies) if joint in each.joints)
+    lacks = "no mass" if joint.slides else "neither an inertia about that axis nor a mass off it"
+    gives = "mass" if joint.slides else "inertia"
+    axis = joint.axis if isinstance(joint.axis, str) else f"[{', '.join(f'{part:g}' for part in joint.axis)}]"
+    message = (
+        f"body {body.name} and the bodies behind it have {lacks} where joint {joint.name} (axis {axis}) moves them, in "
+        f"configuration {configuration}: the mass matrix is singular; give the {gives} of body {body.name}"
+    )
+    return Problem(("robot", "bodies", place, gives), message)
+
+
+def check_model(path: KeyPath, spec: ModelSpec, robot: Robot) -> Iterator[Problem]:
+    """The formulation suits the robot; independent coordinates are coordinates."""
+    if refused := spec.loop_refusal(robot):
+        yield Problem((*path, "formulation"), refused)
+    coordinates = [f"joint {joint.name}" for joint in robot.joints]
+    coordinates += [f"motor {joint.name}" for joint in robot.flexible]
+    for i, refused in spec.independent_refusals(coordinates):
+        yield Problem((*path, "independent", i), refused)

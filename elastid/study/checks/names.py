@@ -9,7 +9,7 @@ from elastid.experiment.specs.structure import Places
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 # A design that fits as many configurations as it can into a robot_time may use this many names.
 MAX_CHOSEN = 99

@@ -14,7 +14,7 @@ from elastid.recorded.files.formats import is_log
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath
+from elastid.study.source import KeyPath
 
 # Methods that need no period.
 WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2", "hv")

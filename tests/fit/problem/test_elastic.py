@@ -28,7 +28,7 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.uncertainty.line_sums import correlation_length
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.transfer import frequency_response
@@ -59,7 +59,7 @@ def test_gradient_and_hessian_follow_from_the_residuals(criterion, floor):
         d_g=Parameter("d_g", 0.05, lower=1e-4, upper=1.0, log=True, prior=Prior(0.06, 0.3)),
         delay=Parameter("delay", 1e-3, lower=0, upper=1e-2),
     )
-    spec = FitSpec(weights=WeightSpec(floor=floor), mask=(MaskSpec(output="joint 1", band_hz=(4.9, 20.1)),))
+    spec = FitSpec(weights=WeightSpec(floor=floor, factors=(FactorSpec(0.0, output="joint 1", band_hz=(4.9, 20.1)),)))
     std = noise_of("relative", model)
     fit = fit_of(measured(model, std, np.random.default_rng(0)), model, spec, free, criterion)
     x = free.x + 0.01

@@ -11,7 +11,7 @@ from elastid.base.kernels import is_compiled
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
@@ -65,8 +65,13 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     spec = FitSpec(
         criterion=criterion,
         parameters={name: ParameterSpec() for name in NAMES},
-        weights=WeightSpec(covariance=covariance),
-        mask=(MaskSpec(output="motor 1", input="motor 2", band_hz=(8.0, 15.0)), MaskSpec(band_hz=(20.0, 20.5))),
+        weights=WeightSpec(
+            covariance=covariance,
+            factors=(
+                FactorSpec(0.0, output="motor 1", input="motor 2", band_hz=(8.0, 15.0)),
+                FactorSpec(0.0, band_hz=(20.0, 20.5)),
+            ),
+        ),
     )
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)

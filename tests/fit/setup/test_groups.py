@@ -10,9 +10,8 @@ from plants.notes import said
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
-from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
 from elastid.fit.weight_spec import WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -103,6 +102,17 @@ def test_one_ratio_damps_all_springs():
         assert "ratio" in result.parameters.free_names
         assert off(result, "ratio", truth) < 4
         assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
+
+
+def test_a_ratio_stays_within_its_bounds_and_near_its_prior():
+    """As any positive parameter: bounds as given, and a prior of its relative standard deviation about the start."""
+    known = RatioSpec(1e-3, bounds=(5e-4, 2e-3), prior=PriorSpec(0.1))
+    dampings = {"d_*": ParameterSpec(tie=TieSpec("k_*", by="eta"))}
+    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec(), **dampings}, ratios={"eta": known}), bench())
+    (eta,) = (parameter for parameter in parameters.free if parameter.name == "eta")
+    assert (eta.lower, eta.upper) == (5e-4, 2e-3)
+    assert eta.prior is not None
+    assert eta.prior.std == pytest.approx(0.1)
 
 
 def test_the_jacobian_of_products_follows_from_differences():
@@ -262,10 +272,9 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
 
 
 @pytest.mark.parametrize("solver", ["trust_region", "ipopt"])
-@pytest.mark.parametrize("continuation", [1, 3])
-def test_solvers_and_continuation_end_at_the_same_optimum(data, solver, continuation):
-    """Trust region and IPOPT, all lines at once or band by band."""
-    spec = FitSpec(starts=4, solver=solver, continuation=continuation)
+def test_solvers_end_at_the_same_optimum(data, solver):
+    """Trust region and IPOPT."""
+    spec = FitSpec(starts=4, solver=solver)
     result = identify(data, bench(d=0.1, k=60.0), spec)
     truth = bench().parameters()
     assert result.status == "converged"
@@ -282,15 +291,6 @@ def test_a_robust_study_shrugs_off_a_bad_band(data):
         result = identify(spoilt, bench(), FitSpec(starts=2, weights=WeightSpec(loss=loss)))
         errors[loss] = abs(np.log(result.values["k_1"] / 200.0))
     assert errors["huber"] < errors["square"] / 3
-
-
-def test_normalised_weights_are_used(data):
-    """A study may let every configuration count alike."""
-    spec = FitSpec(weights=WeightSpec(normalise=True))
-    quiet = replace(data[0], noise=Covariance(data[0].noise.variance / 100, np.inf))
-    weights = Assembly.of([quiet, data[1]], bench(), spec, choose(spec, bench())).weights
-    assert np.all(weights[0].factor < 1)
-    assert np.all(weights[1].factor > 1)
 
 
 def bodied(inertia=(0.02, 0.03, 0.04, 0.001, 0.0, 0.002)) -> Robot:

@@ -14,7 +14,7 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weight_spec import FactorSpec, WeightSpec
-from elastid.fit.weights.weights import check_masks, normalised, weigh
+from elastid.fit.weights.weights import check_factors, weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
 
@@ -192,7 +192,7 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
     np.testing.assert_allclose(ratio[below], np.broadcast_to([[1.0], [0.5]], ratio[below].shape))
     assert np.all(ratio[FREQ >= 30] == 0)
     with pytest.raises(StudyError, match=r"fit.weights.factors\[0\]: no output 'joint1'"):
-        check_masks([response], FitSpec(weights=WeightSpec(factors=(FactorSpec(2.0, output="joint1"),))))
+        check_factors([response], FitSpec(weights=WeightSpec(factors=(FactorSpec(2.0, output="joint1"),))))
 
 
 def test_unequal_factors_keep_honest_intervals():
@@ -209,15 +209,6 @@ def test_unequal_factors_keep_honest_intervals():
         std_x = np.sqrt(np.diag(estimate_uncertainty(fit, [response], [weights], end.x).covariance))
         inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
     assert np.mean(inside) > 0.9
-
-
-def test_normalised_configurations_count_alike():
-    """One configuration ten times quieter than the other: the same sum of weights after normalisation."""
-    model = plant()
-    responses = [measured(model, s * noise_of("relative", model)) for s in (1.0, 0.1)]
-    weights = normalised([weigh(r, NO_FLOOR) for r in responses], responses)
-    power = [np.sum(w.factor * np.abs(r.G / w.sigma) ** 2) for w, r in zip(weights, responses, strict=True)]
-    assert power[0] == pytest.approx(power[1])
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])

@@ -8,9 +8,9 @@ from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.fit.weight_spec import FactorSpec, WeightSpec
 from elastid.fit.weights.smoothed_noise import smooth_variance
-from elastid.fit.weights.weights import check_masks, weigh
+from elastid.fit.weights.weights import check_factors, weigh
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 
@@ -19,6 +19,10 @@ FREQ = np.linspace(1.0, 40.0, F)
 # A resonance 40 dB high on a flat response.
 G = 1.0 / (1 - (FREQ / 20) ** 2 + 0.01j * FREQ / 20)
 NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
+
+
+def leaving_out(factor, **keys) -> FitSpec:
+    return FitSpec(weights=WeightSpec(factors=(factor,)), **keys)
 
 
 def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> FrequencyResponse:
@@ -113,12 +117,25 @@ def test_total_variance_is_never_below_the_noise():
 def test_band_and_masks_leave_out_what_matches_all_that_is_given():
     """A mask of an output and a band takes away that output in that band and nothing else."""
     measured = response(1e-4, outputs=("motor 1", "joint 1"))
-    spec = FitSpec(band_hz=(5, 30), mask=(MaskSpec(output="joint 1", band_hz=(10, 15)),))
+    spec = leaving_out(FactorSpec(0.0, output="joint 1", band_hz=(10, 15)), band_hz=(5, 30))
     used = weigh(measured, spec).used[:, :, 0]
     in_band = (FREQ >= 5) & (FREQ <= 30)
     np.testing.assert_array_equal(used[:, 0], in_band)
     np.testing.assert_array_equal(used[:, 1], in_band & ~((FREQ >= 10) & (FREQ <= 15)))
-    assert weigh(measured, FitSpec(mask=(MaskSpec(configurations=("other",)),))).used.all()
+    assert weigh(measured, leaving_out(FactorSpec(0.0, configurations=("other",)))).used.all()
+
+
+def test_a_factor_of_an_input_weighs_its_column():
+    """The other inputs keep their weight; smooth: 1 leaves the variance of each line as it was measured."""
+    variance = np.full((F, 1, 2), 1e-4)
+    inputs = ("motor 1", "motor 2")
+    measured = response(
+        1e-4, G=np.repeat(G[:, None, None], 2, axis=2), inputs=inputs, noise=Covariance(variance, np.inf)
+    )
+    plain = FitSpec(weights=WeightSpec(smooth=1))
+    tenfold = FitSpec(weights=WeightSpec(smooth=1, factors=(FactorSpec(10.0, input="motor 2"),)))
+    ratio = weigh(measured, tenfold).factor / weigh(measured, plain).factor
+    np.testing.assert_allclose(ratio, np.broadcast_to([1.0, 10.0], ratio.shape))
 
 
 def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
@@ -156,12 +173,15 @@ def test_exact_data_without_a_floor_leave_nothing():
 @pytest.mark.parametrize(
     ("mask", "says"),
     [
-        (MaskSpec(configurations=("c2",)), r"fit.mask\[0\]: no configuration 'c2' was measured; there are c1"),
-        (MaskSpec(output="motor1"), "no output 'motor1' was measured; did you mean 'motor 1'"),
-        (MaskSpec(input="joint 7"), "no input 'joint 7' was measured"),
+        (
+            FactorSpec(0.0, configurations=("c2",)),
+            r"fit.weights.factors\[0\]: no configuration 'c2' was measured; there are c1",
+        ),
+        (FactorSpec(0.0, output="motor1"), "no output 'motor1' was measured; did you mean 'motor 1'"),
+        (FactorSpec(0.0, input="joint 7"), "no input 'joint 7' was measured"),
     ],
 )
 def test_a_mask_of_what_was_not_measured_is_refused(mask, says):
     """A misspelt name would mask nothing, without a word."""
     with pytest.raises(StudyError, match=says):
-        check_masks([response(1.0)], FitSpec(mask=(mask,)))
+        check_factors([response(1.0)], leaving_out(mask))

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from elastid.study import load_robot
-from elastid.study.robot_text import robot_text
+from elastid.study.robots import robot_text
 
 ROOT = Path(__file__).parents[2]
 FILES = [*ROOT.glob("configs/robots/*.yml"), *ROOT.glob("elastid/app/templates/*/robot.yml")]
