@@ -11,6 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import FileName, Name
 from elastid.base.section import section
 from elastid.base.units import JointPosition, Length, Time
 from elastid.robot import Vector3
@@ -25,7 +26,7 @@ class BoxSpec:
     upper: the opposite corner. -- each of the three must exceed that of lower; a fence is a thin box.
     """
 
-    name: str
+    name: Name
     lower: Vector3
     upper: Vector3
 
@@ -64,7 +65,7 @@ class CandidateSpec:
 
     random: int | None = None
     grid: int | tuple[int, ...] | None = None
-    given: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
+    given: dict[FileName, tuple[JointPosition, ...]] = field(default_factory=dict)
     margin: JointPosition = 0.05
     singular: float = 0.02
     floor: Length | None = None

@@ -8,6 +8,7 @@ from dataclasses import field
 from typing import Literal
 
 from elastid.base.errors import check_kind
+from elastid.base.names import FileName, PartName
 from elastid.base.section import section
 from elastid.base.units import Frequency, Quantity
 from elastid.fit.weight_spec import MaskSpec, WeightSpec, check_band
@@ -115,7 +116,7 @@ class ParameterSpec:
     fixed: bool = False
     tie: TieSpec | None = None
     prior: PriorSpec | None = None
-    per: Literal["configuration", "robot"] | dict[str, tuple[str, ...]] | None = None
+    per: Literal["configuration", "robot"] | dict[FileName, tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be together."""
@@ -180,8 +181,8 @@ class FitSpec:
     criterion: Literal["complex", "log"] = "complex"
     log_first: bool = True
     parameters: dict[str, ParameterSpec] = field(default_factory=dict)
-    ratios: dict[str, RatioSpec] = field(default_factory=dict)
-    robots: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    ratios: dict[PartName, RatioSpec] = field(default_factory=dict)
+    robots: dict[FileName, tuple[str, ...]] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
     continuation: int = 1

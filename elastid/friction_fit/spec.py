@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
+from elastid.base.names import Name, check_different
 from elastid.base.section import section
 from elastid.base.units import Frequency, JointPosition, JointVelocity, Mass, Ratio, Time
 
@@ -111,7 +112,7 @@ class LoadSpec:
     posture hardly changes; the robot must carry it for real.
     """
 
-    name: str
+    name: Name
     configuration: str | None = None
     payload: Mass = 0.0
 
@@ -228,10 +229,10 @@ class FrictionSpec:
 
     def __post_init__(self) -> None:
         """Refuse names given twice."""
-        for kind, names in (("joints", self.joints), ("loads", tuple(load.name for load in self.loads))):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            if twice:
-                raise ValueError(f"{kind}: {twice[0]} is given twice; leave one out")
+        twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
+        if twice:
+            raise ValueError(f"joints: {twice[0]} is given twice; leave one out")
+        check_different("loads: load", [load.name for load in self.loads])
         if not self.rate_hz > 0:
             raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")
 

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.names import PartName
 from elastid.base.section import section
 from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
@@ -22,7 +23,7 @@ BASE = "base"
 PAYLOAD = "payload"
 # The frame that a payload is fixed to unless said otherwise; its Jacobian shows singular postures.
 TOOL = "tool"
-_TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
+TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @section
@@ -45,7 +46,7 @@ class Body:
     the flange of a bent link.
     """
 
-    name: str
+    name: PartName
     parent: str = BASE
     placement: Placement = field(default_factory=Placement)
     joints: tuple[Joint, ...] = ()
@@ -73,7 +74,7 @@ class Body:
     def inertia_entries(self) -> dict[str, float]:
         """The inertia's numbers by parameter suffix: '' for the isotropic one, else _xx, _yy ..."""
         if isinstance(self.inertia, tuple):
-            return {f"_{letters}": value for letters, value in zip(_TENSOR_LETTERS, self.inertia, strict=False)}
+            return {f"_{letters}": value for letters, value in zip(TENSOR_LETTERS, self.inertia, strict=False)}
         return {"": self.inertia}
 
     @property
@@ -112,7 +113,7 @@ class Frame:
     acceleration of another place.
     """
 
-    name: str
+    name: PartName
     body: str
     placement: Placement = field(default_factory=Placement)
 

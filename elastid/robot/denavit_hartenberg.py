@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from elastid.base.names import Name, OptionalName
 from elastid.base.section import section
 from elastid.base.units import Angle, Length, Mass
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
@@ -56,7 +57,7 @@ class Link:
     center_of_mass: Vector3 = (0.0, 0.0, 0.0)
     inertia: InertiaTensor = 0.0
     elastic: tuple[Joint, ...] = ()
-    name: str = ""
+    name: OptionalName = ""
 
     def __post_init__(self) -> None:
         """Refuse an axis: in these conventions it is z."""
@@ -93,7 +94,7 @@ class DenavitHartenberg:
     payload: carried at one of them. -- whatever hung at the flange when the data was taken.
     """
 
-    name: str
+    name: Name
     convention: Literal["standard", "modified"]
     links: tuple[Link, ...]
     base: Placement = field(default_factory=Placement)
@@ -140,7 +141,7 @@ class DenavitHartenberg:
         if self.inertia_about == "center_of_mass":
             return link.inertia
         c = np.array(link.center_of_mass)
-        tensor = Body("", inertia=link.inertia).inertia_matrix - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        tensor = Body(link.body_name, inertia=link.inertia).inertia_matrix - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
         xx, yy, zz, xy, xz, yz = (float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
         return xx, yy, zz, xy, xz, yz
 

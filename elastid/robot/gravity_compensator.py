@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from elastid.base.names import PartName
 from elastid.base.section import section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
@@ -106,7 +107,7 @@ class Compensator:
     gas: a gas spring. -- for nitrogen cylinders; their force rises with stroke and temperature.
     """
 
-    name: str
+    name: PartName
     ends: tuple[Anchor, Anchor]
     coil: CoilSpring | None = None
     gas: GasSpring | None = None

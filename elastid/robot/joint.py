@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field, is_dataclass
 from typing import Literal
 
+from elastid.base.names import PartName
 from elastid.base.section import section
 from elastid.base.units import (
     Damping,
@@ -77,7 +78,7 @@ class Joint:
     for elastic joints inside a link; two joints at different points stand for a beam that bends.
     """
 
-    name: str
+    name: PartName
     axis: Axis = "z"
     spring: Spring | None = None
     motor: Motor | None = None

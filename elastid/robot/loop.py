@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from elastid.base.names import PartName
 from elastid.base.section import section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
@@ -98,7 +99,7 @@ class Loop:
     and two joints.
     """
 
-    name: str
+    name: PartName
     ends: tuple[Anchor, Anchor]
     pin: Pin | None = None
     rod: Rod | None = None

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError
+from elastid.base.names import FileName
 from elastid.base.section import section
 from elastid.study.messages import Problem, make_error, validate
-from elastid.study.sections import check_file_name
 from elastid.study.yaml_source import read_source
 
 # Columns of a table that are no keys of the study.
@@ -33,13 +33,12 @@ class MemberSpec:
     experiment.recorded.files.0.path; other keys only where this robot differs in fact.
     """
 
-    robot: str
+    robot: FileName
     date: str
     set: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """A name that can name a folder, and a date."""
-        check_file_name(self.robot)
+        """Refuse a date that is none."""
         try:
             date.fromisoformat(self.date)
         except ValueError:
@@ -64,7 +63,7 @@ class FleetSpec:
     where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty may be chance.
     """
 
-    name: str
+    name: FileName
     study: str
     members: tuple[MemberSpec, ...] = ()
     table: str | None = None
@@ -74,7 +73,6 @@ class FleetSpec:
 
     def __post_init__(self) -> None:
         """One source of members, and a rate."""
-        check_file_name(self.name)
         if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
             raise ValueError("give the members by one of members, table and folders")
         if not 0 < self.false_discovery_rate < 1:

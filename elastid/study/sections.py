@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
+from elastid.base.names import FileName
 from elastid.base.section import section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
@@ -24,9 +25,6 @@ from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
 
 Kind: TypeAlias = Literal["simulated", "recorded", "responses", "frf", "frf-responses", "friction", "friction-recorded"]
-
-# Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.
-MAX_NAME_LENGTH = 100
 
 
 @section
@@ -64,7 +62,7 @@ class Study:
     defaults; its keys are for other numbers than F_c, f and an offset, and for an axis that drifts faster.
     """
 
-    name: str
+    name: FileName
     experiment: ExperimentSpec
     robot: Robot | None = None
     excitation: MultisineSpec | None = None
@@ -80,10 +78,9 @@ class Study:
     filter: FilterSpec | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what random generators and folders refuse."""
+        """Refuse what random generators refuse."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
-        check_file_name(self.name)
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -155,21 +152,3 @@ def joint_called(name: str, driven: Sequence[str]) -> str | None:
     if name in driven:
         return name
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None
-
-
-# Names of devices on Windows, with any ending.
-_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
-
-
-def check_file_name(name: str) -> None:
-    """Refuse a name that cannot name a file on every system; ValueError."""
-    if len(name) > MAX_NAME_LENGTH:
-        raise ValueError(
-            f"the name '{name[:20]}...' has {len(name)} characters; at most {MAX_NAME_LENGTH} can name a file"
-        )
-    if not name or name[0] in ". " or name[-1] in ". " or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name):
-        raise ValueError(
-            f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
-        )
-    if name.split(".")[0].upper() in _DEVICES:
-        raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")

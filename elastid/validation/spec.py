@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from elastid.base.names import Name
 from elastid.base.section import section
 
 
@@ -41,7 +42,7 @@ class VariantSpec:
     for each key.
     """
 
-    name: str
+    name: Name
     rigid: tuple[str, ...] = ()
     motor_coupling: bool = True
     set: tuple[str, ...] = ()

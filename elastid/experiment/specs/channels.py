@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from elastid.base.names import PlaceName
 from elastid.base.section import section
 from elastid.base.units import Frequency, TorqueConstant, factor, of_translation
 from elastid.record import MOTION_UNIT, Hold
@@ -60,7 +61,7 @@ class ChannelSpec:
     """
 
     role: Literal["r", "u", "y", "t", "reference"]
-    at: str
+    at: PlaceName
     channel: str = ""
     column: int | None = None
     quantity: Literal[

@@ -6,6 +6,7 @@ from dataclasses import field, replace
 from typing import Literal, TypeAlias
 
 from elastid.base.errors import StudyError
+from elastid.base.names import FileName
 from elastid.base.section import section
 from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.channels import ChannelSpec
@@ -50,7 +51,7 @@ class ExperimentSpec:
     preferred where they exist, since they show distortion and transients.
     """
 
-    configurations: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
+    configurations: dict[FileName, tuple[JointPosition, ...]] = field(default_factory=dict)
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1

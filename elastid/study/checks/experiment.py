@@ -9,7 +9,6 @@ from dataclasses import fields
 import numpy as np
 
 from elastid.robot import Joint
-from elastid.study.checks.names import check_name
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
@@ -80,7 +79,6 @@ def _check_configurations(study: Study) -> Iterator[Problem]:
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
-        yield from check_name(path)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue

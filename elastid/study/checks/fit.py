@@ -11,7 +11,6 @@ from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
 from elastid.study.checks.names import (
-    check_name,
     check_names,
     list_configurations,
     list_inputs,
@@ -48,7 +47,6 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         if one and each and not any(fnmatchcase(name, one) for name in configurations):
             yield unknown((*_PARAMETERS, key), "configuration", one, configurations)
     for path, names in given:
-        yield from check_name(path)
         yield from check_names(path, "configuration", names, configurations)
     measured = {name for names in fit.robots.values() for name in names}
     missing = [name for name in study.experiment.configurations if name not in measured]

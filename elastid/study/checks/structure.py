@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields
 
-from elastid.study.checks.names import check_name
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
@@ -31,7 +30,6 @@ def check_structure(study: Study) -> Iterator[Problem]:
         yield Problem(("experiment", "configurations"), message)
     for name, angles in experiment.configurations.items():
         path = ("experiment", "configurations", name)
-        yield from check_name(path)
         if refused := study.places.count_refusal(len(angles)):
             yield Problem(path, refused)
     if experiment.experiments is not None:
