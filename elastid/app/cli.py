@@ -15,6 +15,7 @@ from elastid.app.endings import explained, interrupted
 from elastid.app.help import InOrderOfWork
 from elastid.app.process import insisting, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
+from elastid.base.escape import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
@@ -123,7 +124,7 @@ def new(folder: Path, template: str) -> None:
     from elastid.app import scaffold
 
     study = scaffold.new(folder, template)
-    click.echo(f"{study} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
+    click.echo(f"{printable(str(study))} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
 
 
 @cli.command()
@@ -134,7 +135,7 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
     from elastid.app.overview import overview
     from elastid.study import load
 
-    click.echo(overview(load(study, overrides).study))
+    click.echo(printable(overview(load(study, overrides).study)))
 
 
 def add_stage_commands(group: click.Group) -> None:
@@ -243,7 +244,7 @@ def inspect(file: Path) -> None:
     """Show the content of a log or a result: names, shapes, units, rates, values."""
     from elastid.app.inspection import described
 
-    click.echo(described(file))
+    click.echo(printable(described(file)))
 
 
 @cli.command()
@@ -255,7 +256,7 @@ def explain(key: str | None) -> None:
     """
     from elastid.study import explanation
 
-    click.echo(explanation.overview() if key is None else explanation.explain(key))
+    click.echo(printable(explanation.overview() if key is None else explanation.explain(key)))
 
 
 @cli.command()

@@ -13,7 +13,7 @@ from errno import EDQUOT, EFBIG, ENOSPC
 import click
 
 from elastid.base.errors import ElastidError
-from elastid.base.printable import printable
+from elastid.base.escape import printable
 
 INTERRUPTED = 130
 
@@ -26,6 +26,7 @@ def explained(error: Exception) -> int:
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():
+            error.message = printable(error.message)
             error.show()
             return error.exit_code
         case MemoryError():

@@ -147,8 +147,8 @@ def uff_text(text: str) -> str:
 def docstring(text: str) -> str:
     r"""A text inside a docstring of Python, which it cannot end; without the characters of str.format.
 
-    >>> docstring('a"""b')
-    'a\\"\\"\\"b'
+    >>> print(docstring('say "x"'))
+    say \"x\"
     """
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 

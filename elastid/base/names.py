@@ -86,8 +86,7 @@ def check_name(name: str, max_length: int = MAX_NAME_LENGTH) -> None:
     if not name.isprintable():
         code = next(ord(character) for character in name if not character.isprintable())
         raise ValueError(
-            f"the name {ascii(name)} contains the character U+{code:04X}, which cannot be printed in one line; take it "
-            "out"
+            f"the name {name!a} contains the character U+{code:04X}, which cannot be printed in one line; take it out"
         )
     if name != name.strip():
         raise ValueError(f"the name '{name}' begins or ends with a blank; take it out")
@@ -127,7 +126,7 @@ def check_different(noun: str, names: Iterable[str]) -> None:
         return
     name, other = listed[place], next(each for each in listed if _folded(each) == _folded(listed[place]))
     if other == name:
-        raise ValueError(f"{noun} {name} is given twice")
+        raise ValueError(f"{noun} {name} is given twice; leave one out")
     raise ValueError(f"{noun} '{name}' differs from '{other}' in case or in a blank alone; give it a name of its own")
 
 

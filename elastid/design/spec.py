@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
-from fnmatch import fnmatchcase
 from typing import Literal
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import FileName, Name
+from elastid.base.names import FileName, Name, matching
 from elastid.base.section import section
 from elastid.base.units import JointPosition, Length, Time
 from elastid.robot import Vector3
@@ -189,8 +188,9 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
     StudyError for a pattern that matches none of the names.
     """
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in names):
+    chosen = {pattern: matching(pattern, names) for pattern in patterns}
+    for pattern, found in chosen.items():
+        if not found:
             raise StudyError(f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
-    counts = [not patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
+    counts = [not patterns or any(name in found for found in chosen.values()) for name in names]
     return np.eye(len(names))[:, counts]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.base.escape import docstring
 from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
@@ -15,7 +16,7 @@ from elastid.store import replacing, text_file
 _LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration, and what was measured.
 
     systems, delays = load()
-    control.bode_plot([systems["{first}"], measured()["{first}"]])
+    control.bode_plot([systems[{first}], measured()[{first}]])
 
 Inputs are motor torques in N*m, outputs {quantity} in {unit}, all on the link side. The delay of the torque in seconds
 is not part of a system: multiply its response by exp(-2j pi f delay), or load it with systems, _ = load(pade=2), the
@@ -41,7 +42,7 @@ def load(path=DATA, pade=None):
         late = {{name: control.tf2ss(*control.pade(delay, pade)) for name, delay in delays.items() if delay > 0}}
         systems |= {{name: systems[name] * control.append(*[one] * len(inputs)) for name, one in late.items()}}
     labels = {{"inputs": inputs, "outputs": outputs}}
-    return {{name: control.ss(systems[name], name=name, **labels) for name in names}}, delays
+    return {{name: control.ss(systems[name], name=name.replace(".", "_"), **labels) for name in names}}, delays
 
 
 def parameters(path=DATA):
@@ -55,7 +56,11 @@ def measured(path=DATA):
     """FrequencyResponseData by configuration; its standard deviations are in the arrays <configuration>/std."""
     with np.load(path, allow_pickle=False) as file:
         return {{
-            name: control.frd(np.moveaxis(file[f"{{name}}/G"], 0, 2), 2 * np.pi * file[f"{{name}}/freq_hz"], name=name)
+            name: control.frd(
+                np.moveaxis(file[f"{{name}}/G"], 0, 2),
+                2 * np.pi * file[f"{{name}}/freq_hz"],
+                name=name.replace(".", "_"),
+            )
             for name in [str(name) for name in file["configurations"]]
         }}
 '''
@@ -64,7 +69,7 @@ def measured(path=DATA):
 _RESPONSES_LOADER = '''"""Loads {npz}: the measured responses of {name}, one frd for each configuration.
 
     responses = load()
-    control.bode_plot(responses["{first}"])
+    control.bode_plot(responses[{first}])
 
 Outputs per inputs in {unit}; the frequencies of an frd are in rad/s.
 """
@@ -85,7 +90,7 @@ def load(path=Path(__file__).with_name("{npz}")):
                 2 * np.pi * file[f"{{name}}/freq_hz"],
                 inputs=[str(u) for u in file[f"{{name}}/inputs"]],
                 outputs=[str(y) for y in file[f"{{name}}/outputs"]],
-                name=name,
+                name=name.replace(".", "_"),
             )
             for name in names
         }}
@@ -103,7 +108,9 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     first = responses[0]
     with text_file(loader) as script:
         script.write(
-            _RESPONSES_LOADER.format(npz=data.name, name=name, first=first.configuration.name, unit=first.unit)
+            _RESPONSES_LOADER.format(
+                npz=data.name, name=docstring(name), first=docstring(repr(first.configuration.name)), unit=first.unit
+            )
         )
     return data, loader
 
@@ -148,8 +155,8 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         script.write(
             _LOADER.format(
                 npz=data.name,
-                name=model.name,
-                first=first.configuration.name,
+                name=docstring(model.name),
+                first=docstring(repr(first.configuration.name)),
                 quantity=first.quantity,
                 unit=model.measured[0].unit,
             )

@@ -65,10 +65,10 @@ class TieSpec:
         if self.at_hz is not None and not self.at_hz > 0:
             raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
 
-    def tie(self, star: str = "") -> Tie:
-        """As the parameter set wants it, the * of `to` filled in."""
+    def tie(self) -> Tie:
+        """As the parameter set wants it."""
         omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
-        return Tie(self.to.replace("*", star), self.factor / omega, self.by)
+        return Tie(self.to, self.factor / omega, self.by)
 
 
 @section

@@ -232,7 +232,7 @@ class FrictionSpec:
         twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
         if twice:
             raise ValueError(f"joints: {twice[0]} is given twice; leave one out")
-        check_different("loads: load", [load.name for load in self.loads])
+        check_different("loads:", [load.name for load in self.loads])
         if not self.rate_hz > 0:
             raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")
 

@@ -141,7 +141,8 @@ class DenavitHartenberg:
         if self.inertia_about == "center_of_mass":
             return link.inertia
         c = np.array(link.center_of_mass)
-        tensor = Body(link.body_name, inertia=link.inertia).inertia_matrix - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        about_origin = Body(link.body_name, inertia=link.inertia).inertia_matrix
+        tensor = about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
         xx, yy, zz, xy, xz, yz = (float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
         return xx, yy, zz, xy, xz, yz
 

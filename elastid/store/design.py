@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
 from elastid.design.limit_use import QUANTITIES, UNITS, LimitUse
 from elastid.experiment.plan.plan import Experiment, Plan
@@ -229,5 +230,5 @@ def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
 def _write_csv(path: Path, columns: list[str], rows: Any, rate_hz: float, first_sample: int) -> None:
     line = ",".join(["%.9g"] * (1 + len(columns))) + "\n"
     with text_file(path) as file:
-        csv.writer(file, lineterminator="\n").writerow(["time_s", *columns])
+        csv.writer(file, lineterminator="\n").writerow(["time_s", *map(csv_cell, columns)])
         file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))

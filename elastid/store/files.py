@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError
+from elastid.base.escape import group_name
 from elastid.base.mapped import PIECE_VALUES, release
 from elastid.base.note import Note
 from elastid.base.own_data import require_own_data
@@ -243,10 +244,8 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def key(name: str) -> str:
-    """A name as that of a group: / and lone dots have a meaning in HDF5 and are escaped."""
-    escaped = name.replace("%", "%25").replace("/", "%2F")
-    return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
+# A name as that of a group.
+key = group_name
 
 
 def _first_line(error: Exception) -> str:

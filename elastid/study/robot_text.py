@@ -10,6 +10,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
 
+from elastid.base.escape import comment_lines
 from elastid.robot import Robot
 
 
@@ -20,7 +21,7 @@ def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(_plain(robot), stream)
-    return "".join(f"# {line}\n" for line in comments) + stream.getvalue()
+    return "".join(comment_lines(line, "# ") for line in comments) + stream.getvalue()
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import comment_lines
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.urdf import UrdfRobot
@@ -53,7 +54,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
         rigid = _validated(source, UrdfRobot)
         file = folder / rigid.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
-        source = replace(source, text=source.text + "".join(f"# {line}\n" for line in lines))
+        source = replace(source, text=source.text + "".join(comment_lines(line, "# ") for line in lines))
         make = partial(rigid.robot, folder)
     else:
         return source

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elastid.base.names import Name
+from elastid.base.names import Name, check_different
 from elastid.base.section import section
 
 
@@ -68,6 +68,4 @@ class CompareSpec:
         """Refuse one part, which leaves nothing to fit, and repeated names."""
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 to leave out one at a time")
-        names = [variant.name for variant in self.variants]
-        if len(set(names)) < len(names):
-            raise ValueError(f"variants repeats a name ({', '.join(names)})")
+        check_different("variants:", [variant.name for variant in self.variants])
