@@ -98,7 +98,10 @@ class Console:
 
 
 class _LogFile(logging.FileHandler):
-    """run.log, control characters written out; on a full disk its lines are lost without a word: the result that cannot be written is named."""
+    """run.log, control characters written out.
+
+    On a full disk its lines are lost without a word: the result that cannot be written is named.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         """The line as a terminal can show it."""

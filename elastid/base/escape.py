@@ -153,6 +153,11 @@ def docstring(text: str) -> str:
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
+def control_label(name: str) -> str:
+    """A name of a system or signal as python-control takes it, which refuses dots."""
+    return name.replace(".", "_")
+
+
 def embedded_json(content: Any) -> str:
     """JSON for a script element of HTML, its `<` escaped so that no text can end the element."""
     return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -13,6 +13,10 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
+_LABEL = '''def label(name):
+    """A name as python-control takes it, which refuses dots."""
+    return name.replace(".", "_")'''
+
 _LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration, and what was measured.
 
     systems, delays = load()
@@ -31,6 +35,9 @@ import numpy as np
 DATA = Path(__file__).with_name("{npz}")
 
 
+{label}
+
+
 def load(path=DATA, pade=None):
     """StateSpace and delay by configuration."""
     with np.load(path, allow_pickle=False) as file:
@@ -41,8 +48,8 @@ def load(path=DATA, pade=None):
     if pade is not None:
         late = {{name: control.tf2ss(*control.pade(delay, pade)) for name, delay in delays.items() if delay > 0}}
         systems |= {{name: systems[name] * control.append(*[one] * len(inputs)) for name, one in late.items()}}
-    labels = {{"inputs": inputs, "outputs": outputs}}
-    return {{name: control.ss(systems[name], name=name.replace(".", "_"), **labels) for name in names}}, delays
+    labels = {{"inputs": [label(u) for u in inputs], "outputs": [label(y) for y in outputs]}}
+    return {{name: control.ss(systems[name], name=label(name), **labels) for name in names}}, delays
 
 
 def parameters(path=DATA):
@@ -59,7 +66,7 @@ def measured(path=DATA):
             name: control.frd(
                 np.moveaxis(file[f"{{name}}/G"], 0, 2),
                 2 * np.pi * file[f"{{name}}/freq_hz"],
-                name=name.replace(".", "_"),
+                name=label(name),
             )
             for name in [str(name) for name in file["configurations"]]
         }}
@@ -80,6 +87,9 @@ import control
 import numpy as np
 
 
+{label}
+
+
 def load(path=Path(__file__).with_name("{npz}")):
     """FrequencyResponseData by configuration."""
     with np.load(path, allow_pickle=False) as file:
@@ -88,9 +98,9 @@ def load(path=Path(__file__).with_name("{npz}")):
             name: control.frd(
                 np.moveaxis(file[f"{{name}}/G"], 0, 2),
                 2 * np.pi * file[f"{{name}}/freq_hz"],
-                inputs=[str(u) for u in file[f"{{name}}/inputs"]],
-                outputs=[str(y) for y in file[f"{{name}}/outputs"]],
-                name=name.replace(".", "_"),
+                inputs=[label(str(u)) for u in file[f"{{name}}/inputs"]],
+                outputs=[label(str(y)) for y in file[f"{{name}}/outputs"]],
+                name=label(name),
             )
             for name in names
         }}
@@ -109,7 +119,11 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     with text_file(loader) as script:
         script.write(
             _RESPONSES_LOADER.format(
-                npz=data.name, name=docstring(name), first=docstring(repr(first.configuration.name)), unit=first.unit
+                npz=data.name,
+                label=_LABEL,
+                name=docstring(name),
+                first=docstring(repr(first.configuration.name)),
+                unit=first.unit,
             )
         )
     return data, loader
@@ -155,6 +169,7 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         script.write(
             _LOADER.format(
                 npz=data.name,
+                label=_LABEL,
                 name=docstring(model.name),
                 first=docstring(repr(first.configuration.name)),
                 quantity=first.quantity,

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.escape import xml_comment
+from elastid.base.escape import unused, xml_comment
 from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.escape import one_line, printable
 from elastid.study.reference import describe, names_in, type_at, words_in
 from elastid.study.yaml_source import KeyPath, Place, YamlSource, first_of
 
@@ -184,8 +185,8 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    keys = _dotted(problem.path[place.hidden :])
-    return place, f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}"
+    keys = one_line(_dotted(problem.path[place.hidden :]))
+    return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")
 
 
 def _dotted(path: KeyPath) -> str:

@@ -9,9 +9,13 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
+from ruamel.yaml.scalarstring import SingleQuotedScalarString
 
 from elastid.base.escape import comment_lines
 from elastid.robot import Robot
+
+# Texts that readers of the older YAML 1.1 take for true and false.
+_YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n")
 
 
 def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
@@ -40,6 +44,8 @@ def _plain(value: Any) -> Any:
         if all(not isinstance(each, dict) for each in inner):
             inner.fa.set_flow_style()
         return inner
+    if isinstance(value, str) and value.lower() in _YAML_1_1_WORDS:
+        return SingleQuotedScalarString(value)
     if isinstance(value, bool | int | str):
         return value
     return float(value)

@@ -14,6 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import one_line
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
@@ -158,7 +159,7 @@ class _Reader:
         return Place(self.rank, node.start_mark.line + 1, node.start_mark.column + 1, self.name)
 
     def problem(self, node: Node, message: str) -> None:
-        self.problems.append(f"{self.place(node)}: {message}")
+        self.problems.append(f"{self.place(node)}: {one_line(message)}")
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
         self.places[path] = (key_place, self.place(node))
