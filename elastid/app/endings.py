@@ -9,6 +9,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from errno import EDQUOT, EFBIG, ENOSPC
+from io import StringIO
 
 import click
 
@@ -26,8 +27,9 @@ def explained(error: Exception) -> int:
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():
-            error.message = printable(error.message)
-            error.show()
+            shown = StringIO()
+            error.show(file=shown)
+            click.echo(printable(shown.getvalue()), err=True, nl=False)
             return error.exit_code
         case MemoryError():
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)

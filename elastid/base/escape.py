@@ -67,8 +67,8 @@ def xml_comment(text: str) -> str:
 
 def _apart(text: str, *pairs: str) -> str:
     """The text with a blank inside each of these pairs of characters, also where they overlap."""
-    for first, second in pairs:
-        text = re.sub(f"{re.escape(first)}(?={re.escape(second)})", f"{first} ", text)
+    for pair in pairs:
+        text = re.sub(f"{re.escape(pair[0])}(?={re.escape(pair[1])})", f"{pair[0]} ", text)
     return text
 
 

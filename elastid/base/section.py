@@ -49,7 +49,8 @@ def section(cls: type[T]) -> type[T]:
 
 def _check_names(owner: Any) -> None:
     """ValueError for a field that is no name, or a mapping by names whose keys are none or the same but for case."""
-    for name, (rule, default) in _name_rules(type(owner)).items():
+    kind: Any = type(owner)
+    for name, (rule, default) in _name_rules(kind).items():
         given = getattr(owner, name)
         if given is None or given == default or isinstance(given, str) != isinstance(rule, NameRule):
             continue
