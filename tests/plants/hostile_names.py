@@ -7,8 +7,10 @@ from plants.fitted_models import fitted_of
 # Admitted: of each program that reads what a study writes, what its own language is made of.
 HOSTILE = (
     "it's", 'say "x"', "a\\b", "tail\\", "x*/ #error pwn", "/* x", "??/", "// x", "100 %", "%s %n", "$x^{$", "$(id)",
-    "{x}", "{{ 7*7 }}", "{% x %}", "<script>alert(1)</script>", "</script><blink>", "<!-- x", "--", "]]>", "&amp;", "a & b",
-    "a;b", "# x", "größe θ₁", "ציר ראשון", "轴一", "🤖", "axis [1]", "k_*", "axis - 1", "n" * 100, "__proto__", "_x",
+    "{x}", "{{ 7*7 }}", "{% x %}", "<script>alert(1)</script>",
+    "</script><blink>", "<!-- x", "--", "]]>", "&amp;", "a & b",
+    "a;b", "# x", "größe θ₁", "ציר ראשון", "轴一", "🤖", "axis [1]", "k_*",
+    "axis - 1", "n" * 100, "__proto__", "_x",
     "yes", "1", "null", "~", "- a", "a: b", "!!python/object", "&anchor", "*alias", "|", "<<", "2026-01-01", "1e3",
     "=1+1", "+1", "[red]x[/]",
     "[/]", ":smile:", "int", "return 0", "-1", "../x", "a/b", "C:\\x", "a.b", "world", "x`y",
