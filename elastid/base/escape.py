@@ -102,7 +102,10 @@ def file_names(names: Iterable[str], prefix: str) -> list[str]:
     """
     files: list[str] = []
     for name in names:
-        files.append(unused(f"{prefix}-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name), files, "-"))
+        file = f"{prefix}-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
+        if file.casefold() in (other.casefold() for other in files):
+            file = unused(f"{file}-{len(files) + 1}", files, "-")
+        files.append(file)
     return files
 
 
