@@ -13,6 +13,7 @@ import click
 from elastid import __version__
 from elastid.app.process import explained, insisting, interrupted, libraries_off_terminal, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
+from elastid.base.escape import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
@@ -138,7 +139,7 @@ def new(folder: Path, template: str) -> None:
     from elastid.app import scaffold
 
     study = scaffold.new(folder, template)
-    click.echo(f"{study} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
+    click.echo(f"{printable(str(study))} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
 
 
 @cli.command()
@@ -149,7 +150,7 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
     from elastid.app.overview import overview
     from elastid.study import load
 
-    click.echo(overview(load(study, overrides).study))
+    click.echo(printable(overview(load(study, overrides).study)))
 
 
 def add_stage_commands(group: click.Group) -> None:
@@ -257,7 +258,7 @@ def inspect(file: Path) -> None:
     """Show the content of a log or a result: names, shapes, units, rates, values."""
     from elastid.app.inspection import described
 
-    click.echo(described(file))
+    click.echo(printable(described(file)))
 
 
 @cli.command()
@@ -269,7 +270,7 @@ def explain(key: str | None) -> None:
     """
     from elastid.study import reference
 
-    click.echo(reference.overview() if key is None else reference.explain(key))
+    click.echo(printable(reference.overview() if key is None else reference.explain(key)))
 
 
 @cli.command()

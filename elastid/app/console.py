@@ -10,10 +10,10 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
 
+from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
 from elastid.base.files import unlinked
 from elastid.base.note import Note, grouped
-from elastid.base.printable import printable
 
 LOG_NAME = "run.log"
 # Where the output is no terminal, a line of progress at most this often.
@@ -100,7 +100,14 @@ class Console:
 
 
 class _LogFile(logging.FileHandler):
-    """run.log; on a full disk its lines are lost without a word: the result that cannot be written is named."""
+    """run.log, control characters written out.
+
+    On a full disk its lines are lost without a word: the result that cannot be written is named.
+    """
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line as a terminal can show it."""
+        return printable(super().format(record))
 
     def _open(self) -> TextIOWrapper:
         """ElastidError where it is a link."""
@@ -120,9 +127,9 @@ def _bar(title: str) -> Iterator[Progress]:
     from rich.console import Console as Terminal
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
+        task = bar.add_task(printable(title), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
@@ -137,7 +144,7 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
     for row in rows[1:]:
         table.add_row(*map(printable, row))
     # A pipe has no width of its own, and a table folded at 80 columns is hard to read by program or eye.
-    terminal = Terminal(highlight=False, width=None if sys.stdout.isatty() else 160)
+    terminal = Terminal(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else 160)
     terminal.print(table)
 
 
@@ -152,6 +159,6 @@ def _lines(title: str) -> Progress:
         if now - last >= _SECONDS_BETWEEN_LINES and 0 < done < total:
             last = now
             left = (now - started) / done * (total - done)
-            print(f"{title}: {done} of {total}, {left:.0f} s left", file=sys.stderr, flush=True)
+            print(f"{printable(title)}: {done} of {total}, {left:.0f} s left", file=sys.stderr, flush=True)
 
     return progress

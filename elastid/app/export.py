@@ -9,6 +9,7 @@ from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
+from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.export.intervals import interval_lines
 from elastid.export.observer import Observer, write_observers
@@ -40,7 +41,7 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
         each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
         run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
     write = TARGETS.get(target, partial(_write_robot, run))
-    paths = tuple(path for label, model in models.items() for path in write(folder / label, model))
+    paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
     return _said(run, paths)

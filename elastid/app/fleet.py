@@ -20,6 +20,7 @@ from elastid.app.console import Console
 from elastid.app.provenance import software
 from elastid.app.run import Run, logged_in, run_all
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
+from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
 from elastid.base.files import make_folder, own_path
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
@@ -200,7 +201,9 @@ def _write_table(folder: Path, rows: Sequence[FleetRow]) -> Path:
     if find_spec("pyarrow") is None:
         path = folder / "fleet.csv"
         with text_file(path) as file:
-            csv.writer(file, lineterminator="\n").writerows([columns, *([*asdict(row).values()] for row in rows)])
+            csv.writer(file, lineterminator="\n").writerows(
+                [columns, *([*map(csv_cell, asdict(row).values())] for row in rows)]
+            )
         return path
     import pyarrow
     import pyarrow.parquet

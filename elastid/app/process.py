@@ -13,6 +13,7 @@ from _thread import interrupt_main
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from errno import EDQUOT, EFBIG, ENOSPC
+from io import StringIO
 from signal import SIGINT, SIGTERM, signal
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
@@ -20,7 +21,7 @@ from types import FrameType
 import click
 
 from elastid.base.errors import ElastidError
-from elastid.base.printable import printable
+from elastid.base.escape import printable
 
 INTERRUPTED = 130
 INTERRUPT_INTERVAL_S = 0.5
@@ -93,7 +94,9 @@ def explained(error: Exception) -> int:
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():
-            error.show()
+            message_text = StringIO()
+            error.show(file=message_text)
+            click.echo(printable(message_text.getvalue()), err=True, nl=False)
             return error.exit_code
         case MemoryError():
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
+from html import escape as escape_html
 from typing import Protocol
+
+from elastid.base.escape import one_line, printable
 
 # Rows of a table that are shown; of more, so many and a count of the rest.
 MAX_ROWS = 20
@@ -29,25 +31,27 @@ class Display:
           k_1   20
           d_1   3
         """
-        table = [self.headings, *self.rows[:MAX_ROWS]]
+        table = [tuple(map(one_line, row)) for row in (self.headings, *self.rows[:MAX_ROWS])]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)
-        return "\n".join([self.title, *(f"  {line}".rstrip() for line in lines if self.rows), *self._rest()])
+        return "\n".join([printable(self.title), *(f"  {line}".rstrip() for line in lines if self.rows), *self._rest()])
 
     @property
     def html(self) -> str:
         """The same as a table of HTML with the title as its caption."""
-        head = "".join(f"<th>{escape(cell)}</th>" for cell in self.headings)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows[:MAX_ROWS]
-        )
-        caption = f'<caption style="text-align: left">{escape(self.title)}</caption>'
-        rest = "".join(f"<p>{escape(line.strip())}</p>" for line in self._rest())
+        head = "".join(f"<th>{_html(cell)}</th>" for cell in self.headings)
+        body = "".join(f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.rows[:MAX_ROWS])
+        caption = f'<caption style="text-align: left">{_html(self.title)}</caption>'
+        rest = "".join(f"<p>{_html(line.strip())}</p>" for line in self._rest())
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
 
     def _rest(self) -> Iterator[str]:
         if len(self.rows) > MAX_ROWS:
             yield f"  ... and {len(self.rows) - MAX_ROWS} more rows"
+
+
+def _html(text: str) -> str:
+    return escape_html(printable(text))
 
 
 class Displayed(Protocol):

@@ -6,10 +6,12 @@ Each section of a study lives in the room that uses it and knows no YAML; `study
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
+
+from elastid.base.names import NameRule, check_different
 
 T = TypeVar("T")
 
@@ -32,8 +34,8 @@ class Key:
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the keys that a study may give.
 
-    Made in Python, it refuses a word that is none of its choices and a text in the place of a number, by ValueError,
-    and takes a list or an array for a tuple.
+    Made in Python, it refuses a word that is none of its choices, a text in the place of a number and a text that is no
+    name where one is due (`base.names`), by ValueError, and takes a list or an array for a tuple.
     """
     check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
 
@@ -47,12 +49,47 @@ def section(cls: type[T]) -> type[T]:
                 object.__setattr__(self, name, value)
             if isinstance(value, str) and value not in words:
                 raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
+        _check_names(self)
         if check is not None:
             check(self)
 
     cls.__post_init__ = checked  # type: ignore[attr-defined]
     cls.__pydantic_config__ = _CONFIG  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)
+
+
+def _check_names(owner: Any) -> None:
+    """ValueError for a field that is no name, or a mapping by names whose keys are none or the same but for case."""
+    kind: Any = type(owner)
+    for name, (rule, default) in _name_rules(kind).items():
+        given = getattr(owner, name)
+        if given is None or given == default or isinstance(given, str) != isinstance(rule, NameRule):
+            continue
+        try:
+            if isinstance(rule, NameRule):
+                rule.check(given)
+            elif isinstance(given, dict):
+                for key in given:
+                    rule[0].check(key)
+                check_different("name", given)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+
+@cache
+def _name_rules(cls: Any) -> dict[str, tuple[NameRule | tuple[NameRule], Any]]:
+    """The fields that are names, and in a tuple those that are mappings by names: their rule and default."""
+    rules: dict[str, tuple[NameRule | tuple[NameRule], Any]] = {}
+    hints = get_type_hints(cls, include_extras=True)
+    for each in fields(cls):
+        default = None if each.default is MISSING else each.default
+        for hint in _alternatives(hints[each.name]):
+            by_name = get_origin(hint) is dict
+            marked = get_args(hint)[0] if by_name else hint
+            marks = get_args(marked) if get_origin(marked) is Annotated else ()
+            for rule in (mark for mark in marks if isinstance(mark, NameRule)):
+                rules[each.name] = (rule,) if by_name else rule, default
+    return rules
 
 
 def _plain(value: Any) -> Any:

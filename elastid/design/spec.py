@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
-from fnmatch import fnmatchcase
 from typing import Annotated, Literal
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import FileName, Name, matching
 from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Length, Time
 from elastid.robot import Vector3
@@ -21,8 +21,8 @@ class BoxSpec:
     """A box that the robot must stay out of, its edges along the axes of the base frame."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the box, for messages.", "as people in the cell call it, since messages say what "
-        "a posture would hit.")]
+    name: Annotated[Name, Key("Name of the box, for messages.", "as people in the cell call it, since messages say "
+        "what a posture would hit.")]
     lower: Annotated[Vector3, Key("Corner of smallest coordinates.", "measure it in the robot's base frame, and round "
         "outwards.")]
     upper: Annotated[Vector3, Key("Opposite corner, of largest coordinates.", "each of the three must exceed that of "
@@ -45,10 +45,10 @@ class CandidateSpec:
     grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
         "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
         "cover them better.")] = None
-    given: Annotated[dict[str, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that turns "
-        "without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its swing "
-        "within the limits.", "postures that are known to be free and reachable, as taught points; nothing else is "
-        "then chosen from.")] = field(default_factory=dict)
+    given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that "
+        "turns without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its "
+        "swing within the limits.", "postures that are known to be free and reachable, as taught points; nothing else "
+        "is then chosen from.")] = field(default_factory=dict)
     margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
         "and some more; 0.05 rad is 3 deg.")] = 0.05
@@ -178,8 +178,9 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
     StudyError for a pattern that matches none of the names.
     """
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in names):
+    chosen = {pattern: matching(pattern, names) for pattern in patterns}
+    for pattern, found in chosen.items():
+        if not found:
             raise StudyError(f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
-    counts = [not patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
+    counts = [not patterns or any(name in found for found in chosen.values()) for name in names]
     return np.eye(len(names))[:, counts]

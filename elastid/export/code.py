@@ -12,6 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
+from elastid.base.escape import c_comment, one_line
 from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.store import replacing, text_file
@@ -94,7 +95,7 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
     lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
-    return "/* " + "\n * ".join(line.replace("*/", "* /") for line in lines).replace(" * \n", " *\n") + "\n */\n"
+    return c_comment(lines)
 
 
 def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
@@ -112,8 +113,8 @@ def _coordinates(folder: Path, model: FittedRobot) -> Path:
     """coordinates.txt: the names of the entries of q and u, and what the fit knows of the numbers inside."""
     path = folder / "coordinates.txt"
     with text_file(path) as file:
-        file.write(f"{_equation(model)}, link side, SI\n")
+        file.write(f"{one_line(_equation(model))}, link side, SI\n")
         for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
-            file.writelines(f"{letter}[{i}]  {name}\n" for i, name in enumerate(names))
-        file.writelines(f"{line}\n" for line in interval_lines(model))
+            file.writelines(f"{letter}[{i}]  {one_line(name)}\n" for i, name in enumerate(names))
+        file.writelines(f"{one_line(line)}\n" for line in interval_lines(model))
     return path

@@ -7,15 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.base.escape import docstring
 from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
+_LABEL = '''def label(name):
+    """A name as python-control takes it, which refuses dots."""
+    return name.replace(".", "_")'''
+
 _LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration, and what was measured.
 
     systems, delays = load()
-    control.bode_plot([systems["{first}"], measured()["{first}"]])
+    control.bode_plot([systems[{first}], measured()[{first}]])
 
 Inputs are motor torques in N*m, outputs {quantity} in {unit}, all on the link side. The delay of the torque in seconds
 is not part of a system: multiply its response by exp(-2j pi f delay), or load it with systems, _ = load(pade=2), the
@@ -30,6 +35,9 @@ import numpy as np
 DATA = Path(__file__).with_name("{npz}")
 
 
+{label}
+
+
 def load(path=DATA, pade=None):
     """StateSpace and delay by configuration."""
     with np.load(path, allow_pickle=False) as file:
@@ -40,8 +48,8 @@ def load(path=DATA, pade=None):
     if pade is not None:
         late = {{name: control.tf2ss(*control.pade(delay, pade)) for name, delay in delays.items() if delay > 0}}
         systems |= {{name: systems[name] * control.append(*[one] * len(inputs)) for name, one in late.items()}}
-    labels = {{"inputs": inputs, "outputs": outputs}}
-    return {{name: control.ss(systems[name], name=name, **labels) for name in names}}, delays
+    labels = {{"inputs": [label(u) for u in inputs], "outputs": [label(y) for y in outputs]}}
+    return {{name: control.ss(systems[name], name=label(name), **labels) for name in names}}, delays
 
 
 def parameters(path=DATA):
@@ -55,7 +63,11 @@ def measured(path=DATA):
     """FrequencyResponseData by configuration; its standard deviations are in the arrays <configuration>/std."""
     with np.load(path, allow_pickle=False) as file:
         return {{
-            name: control.frd(np.moveaxis(file[f"{{name}}/G"], 0, 2), 2 * np.pi * file[f"{{name}}/freq_hz"], name=name)
+            name: control.frd(
+                np.moveaxis(file[f"{{name}}/G"], 0, 2),
+                2 * np.pi * file[f"{{name}}/freq_hz"],
+                name=label(name),
+            )
             for name in [str(name) for name in file["configurations"]]
         }}
 '''
@@ -64,7 +76,7 @@ def measured(path=DATA):
 _RESPONSES_LOADER = '''"""Loads {npz}: the measured responses of {name}, one frd for each configuration.
 
     responses = load()
-    control.bode_plot(responses["{first}"])
+    control.bode_plot(responses[{first}])
 
 Outputs per inputs in {unit}; the frequencies of an frd are in rad/s.
 """
@@ -75,6 +87,9 @@ import control
 import numpy as np
 
 
+{label}
+
+
 def load(path=Path(__file__).with_name("{npz}")):
     """FrequencyResponseData by configuration."""
     with np.load(path, allow_pickle=False) as file:
@@ -83,9 +98,9 @@ def load(path=Path(__file__).with_name("{npz}")):
             name: control.frd(
                 np.moveaxis(file[f"{{name}}/G"], 0, 2),
                 2 * np.pi * file[f"{{name}}/freq_hz"],
-                inputs=[str(u) for u in file[f"{{name}}/inputs"]],
-                outputs=[str(y) for y in file[f"{{name}}/outputs"]],
-                name=name,
+                inputs=[label(str(u)) for u in file[f"{{name}}/inputs"]],
+                outputs=[label(str(y)) for y in file[f"{{name}}/outputs"]],
+                name=label(name),
             )
             for name in names
         }}
@@ -103,7 +118,13 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     first = responses[0]
     with text_file(loader) as script:
         script.write(
-            _RESPONSES_LOADER.format(npz=data.name, name=name, first=first.configuration.name, unit=first.unit)
+            _RESPONSES_LOADER.format(
+                npz=data.name,
+                label=_LABEL,
+                name=docstring(name),
+                first=docstring(repr(first.configuration.name)),
+                unit=first.unit,
+            )
         )
     return data, loader
 
@@ -148,8 +169,9 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         script.write(
             _LOADER.format(
                 npz=data.name,
-                name=model.name,
-                first=first.configuration.name,
+                label=_LABEL,
+                name=docstring(model.name),
+                first=docstring(repr(first.configuration.name)),
                 quantity=first.quantity,
                 unit=model.measured[0].unit,
             )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.escape import csv_cell, file_name
 from elastid.export.intervals import known_numbers
 from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
@@ -33,7 +34,7 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
         fitted = frequency_response(linear, model.theta, G.freq_hz)
         name = G.configuration.name
-        paths.append(_table(folder / f"{name}-fitted.csv", _response(G, fitted, std**2)))
+        paths.append(_table(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
     return tuple(paths)
 
@@ -46,7 +47,7 @@ def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyRe
 
 def _measured(folder: Path, G: FrequencyResponse) -> Path:
     variance = None if G.uncertainty is None else G.uncertainty.variance
-    return _table(folder / f"{G.configuration.name}-measured.csv", _response(G, G.G, variance))
+    return _table(folder / f"{file_name(G.configuration.name)}-measured.csv", _response(G, G.G, variance))
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
@@ -80,5 +81,5 @@ def _response(of: FrequencyResponse, G: ComplexArray, variance: FloatArray | Non
 
 def _table(path: Path, rows: Iterable[Sequence[Any]]) -> Path:
     with text_file(path) as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
+        csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
     return path

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
+from elastid.base.escape import one_line
 from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
@@ -117,7 +118,7 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Frequenc
 
 
 def _script(text: str, data: Path, name: str, first: FrequencyResponse) -> str:
-    return text.format(mat=data.name, name=name, quantity=first.quantity, unit=first.unit, measured=_MEASURED)
+    return text.format(mat=data.name, name=one_line(name), quantity=first.quantity, unit=first.unit, measured=_MEASURED)
 
 
 def _save(path: Path, content: dict[str, Any]) -> None:

@@ -59,6 +59,7 @@ def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
     _tendons(root, robot)
     add_rod_springs(root, elements, robot)
     _actuators(root, robot)
+    _check_names(root, robot)
     return root
 
 
@@ -83,6 +84,20 @@ def _check(robot: Robot) -> None:
             f"gears couple the axes of robot {robot.name}, which MJCF's armature cannot represent; export to casadi or "
             "c instead"
         )
+
+
+def _check_names(root: ET.Element, robot: Robot) -> None:
+    """StudyError where two elements of a kind have one name: of a loop's rod and of a body, for example."""
+    kinds = {"body": "worldbody//body", "site": "worldbody//site", "tendon": "tendon/*", "equality": "equality/*"}
+    for kind, path in kinds.items():
+        names = ["world"] if kind == "body" else []
+        for name in (element.get("name", "") for element in root.findall(path)):
+            if name in names:
+                raise StudyError(
+                    f"robot {robot.name}: MJCF would have two elements of the kind {kind} called '{name}'; give the "
+                    "body, frame or loop another name"
+                )
+            names.append(name)
 
 
 def _bodies(world: ET.Element, robot: Robot) -> Elements:

@@ -6,7 +6,6 @@ joint and of the noise are inside; all torques and angles are on the link side, 
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from elastid.base.escape import c_comment, c_identifiers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store import text_file
 
@@ -30,7 +30,8 @@ class Observer:
 
 def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Path, ...]:
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
-    steps = {_identifier(name): _step(_identifier(name), observer) for name, observer in observers.items()}
+    identifiers = c_identifiers(observers, "joint")
+    steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     generator = ca.CodeGenerator("equations.c")
     for step in steps.values():
         generator.add(step)
@@ -40,10 +41,10 @@ def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Pa
     source, header = folder / "observer.c", folder / "observer.h"
     with text_file(source) as file:
         file.write(equations + '\n#include "observer.h"\n')
-        for (name, observer), step in zip(observers.items(), steps.values(), strict=True):
-            file.write(_functions(_identifier(name), observer, step))
+        for name, observer in observers.items():
+            file.write(_functions(identifiers[name], observer, steps[name]))
     with text_file(header) as file:
-        file.write(_header(observers))
+        file.write(_header(observers, identifiers))
     return source, header
 
 
@@ -84,30 +85,26 @@ void {name}_follow(double x[{n}], double P[{n * n}], double torque, double load,
 """
 
 
-def _header(observers: Mapping[str, Observer]) -> str:
+def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -> str:
     """observer.h, with the states of each joint."""
-    lines = [
-        "/* Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"
-    ]
-    lines += [
-        " * torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"
-    ]
-    lines += [" * say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
-    lines += [" * logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]). States of each joint:", " *"]
+    lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
+    lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
+    lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
+    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]). States of each joint:", ""]
     declared = []
     for name, observer in observers.items():
-        states, key = observer.joint.states, _identifier(name)
+        states, key = observer.joint.states, identifiers[name]
         n = len(states)
         of = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
-        lines.append(f" * {name} ({key}) at {observer.rate_hz:g} Hz: {of}")
-        lines.append(f" *   starts with 95 % bands {_starts(observer.joint)}")
+        lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {of}")
+        lines.append(f"  starts with 95 % bands {_starts(observer.joint)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{n * n}], double angle, double load);")
         declared.append(
             f"void {key}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle,\n"
             f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
         )
     guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]
-    return "\n".join([*lines, " */", *guard, *declared, "#endif"]) + "\n"
+    return c_comment(lines) + "\n".join([*guard, *declared, "#endif"]) + "\n"
 
 
 def _starts(joint: FollowedJoint) -> str:
@@ -120,11 +117,6 @@ def _starts(joint: FollowedJoint) -> str:
             low, high = ends if state == "offset" else np.exp(ends)
             told.append(f"{state} {low:.4g} to {high:.4g}")
     return ", ".join(told)
-
-
-def _identifier(name: str) -> str:
-    """A joint's name as C has it."""
-    return "joint_" + re.sub(r"\W", "_", name, flags=re.ASCII)
 
 
 def _row(values: list[float]) -> str:

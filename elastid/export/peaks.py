@@ -6,6 +6,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+from elastid.base.escape import csv_cell
 from elastid.frf.peaks import Peak
 from elastid.response import FrequencyResponse
 from elastid.store import text_file
@@ -32,5 +33,5 @@ def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Seque
             for peak in found:
                 numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
                 place = (peak.output, peak.input, peak.lines, peak.misfit)
-                table.writerow((response.configuration.name, *numbers, *place))
+                table.writerow(map(csv_cell, (response.configuration.name, *numbers, *place)))
     return path

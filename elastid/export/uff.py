@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import csv_cell, file_name, uff_text
 from elastid.record import Motion
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
@@ -39,7 +40,7 @@ def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for response in responses:
-        path = folder / f"{response.configuration.name}.uff"
+        path = folder / f"{file_name(response.configuration.name)}.uff"
         with replacing(path) as temporary, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Written as text: pyuff overwrites binary files with headers alone.
@@ -49,7 +50,7 @@ def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -
     with text_file(table) as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(("place", "node", "direction"))
-        rows.writerows((place, node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items())
+        rows.writerows((csv_cell(place), node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items())
     return (*paths, table)
 
 
@@ -72,11 +73,11 @@ def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, in
                 "type": 58,
                 "binary": 0,
                 "func_type": _FREQUENCY_RESPONSE,
-                "id1": f"{output} to {input_}"[:80],
-                "id2": name[:80],
+                "id1": uff_text(f"{output} to {input_}"),
+                "id2": uff_text(name),
                 "id3": "NONE",
-                "id4": response.configuration.name[:80],
-                "id5": response.unit[:80],
+                "id4": uff_text(response.configuration.name),
+                "id5": uff_text(response.unit),
                 "rsp_ent_name": "NONE",
                 "ref_ent_name": "NONE",
                 "rsp_node": nodes[output][0],

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.base.escape import unused, xml_comment
 from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
@@ -32,7 +33,8 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     ET.indent(root)
     path = folder / "robot.urdf"
     with text_file(path) as file:
-        file.write(f'<?xml version="1.0"?>\n<!-- {_comment(_left_out(model.robot), *interval_lines(model))} -->\n')
+        comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
+        file.write(f'<?xml version="1.0"?>\n<!-- {comment} -->\n')
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
 
@@ -52,8 +54,9 @@ def urdf(robot: Robot) -> ET.Element:
         seats[body.name] = _body(root, robot, body, *seats[body.parent])
     for frame in robot.frames:
         link, pose = seats[frame.body]
-        ET.SubElement(root, "link", name=frame.name)
-        _fixed(root, frame.name, link, frame.name, pose @ _matrix(frame.placement))
+        name = _link_name(root, robot, frame.name)
+        ET.SubElement(root, "link", name=name)
+        _fixed(root, name, link, name, pose @ _matrix(frame.placement))
     return root
 
 
@@ -64,7 +67,7 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
     """
     at = pose @ _matrix(body.placement)
     joints = [joint for joint in body.joints if _moves(joint)]
-    names = [f"{body.name} before {joint.name}" for joint in joints[1:]] + [body.name]
+    names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):
         to_axis = _shift(np.array(joint.point, dtype=float))
         _joint(root, robot, joint, parent, name, at @ to_axis)
@@ -78,6 +81,12 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
     if body.mass or np.any(body.inertia_matrix):
         _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, own)
     return parent, own
+
+
+def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
+    """A name for a link that is no body, unlike all others: a body and a frame may share one, two links may not."""
+    bodies = [BASE, *(body.name for body in robot.all_bodies)]
+    return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 
 
 def _moves(joint: Joint) -> bool:
@@ -104,7 +113,8 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
 
 
 def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
-    element = ET.SubElement(root, "joint", name=f"{name} fixed", type="fixed")
+    taken = [joint.get("name", "") for joint in root.iter("joint")]
+    element = ET.SubElement(root, "joint", name=unused(f"{name} fixed", taken), type="fixed")
     _pose(element, pose)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
@@ -145,11 +155,6 @@ def _left_out(robot: Robot) -> str:
     parts += ["compensators"] if robot.compensators else []
     listed = "; ".join(part for part in parts if part)
     return f"{robot.name}, rigid. Left out: {listed}. Targets mujoco, fmu, casadi, c have them."
-
-
-def _comment(*lines: str) -> str:
-    """Lines in a comment of XML, which has no double hyphen."""
-    return "\n".join(lines).replace("--", "- -")
 
 
 def _finite(value: float) -> float:

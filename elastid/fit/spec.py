@@ -8,6 +8,7 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 from elastid.base.errors import check_kind
+from elastid.base.names import FileName, PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Quantity
 from elastid.fit.weight_spec import WeightSpec, check_band
@@ -60,10 +61,10 @@ class TieSpec:
         if self.at_hz is not None and not self.at_hz > 0:
             raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
 
-    def tie(self, star: str = "") -> Tie:
-        """As the parameter set wants it, the * of `to` filled in."""
+    def tie(self) -> Tie:
+        """As the parameter set wants it."""
         omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
-        return Tie(self.to.replace("*", star), self.factor / omega, self.by)
+        return Tie(self.to, self.factor / omega, self.by)
 
 
 @section
@@ -100,7 +101,7 @@ class ParameterSpec:
         "wrong.")] = None
     prior: Annotated[PriorSpec | None, Key("Prior knowledge of the parameter.", "for numbers of a drawing or a data "
         "sheet; it acts as one more measurement and keeps ill-conditioned directions in place.")] = None
-    per: Annotated[Literal["configuration", "robot"] | dict[str, tuple[str, ...]] | None, Key("Groups of "
+    per: Annotated[Literal["configuration", "robot"] | dict[FileName, tuple[str, ...]] | None, Key("Groups of "
         "configurations in which the parameter has its own value: `configuration` identifies it in each configuration "
         "by itself; `robot` in each robot of fit.robots; {warm: [c1, c2], cold: [c3]} in each of these groups (a "
         "temperature, a load), and once in all configurations that no group names. A configuration in which none was "
@@ -140,10 +141,10 @@ class FitSpec:
         "pc1_cyl_z, pj_2b_z.", "name fewer where the report calls parameters ill-conditioned, more where modification "
         "indices ask for them; `k_*: {}` identifies the springs alone and holds all other numbers at those of the "
         "robot.")] = field(default_factory=dict)
-    ratios: Annotated[dict[str, RatioSpec], Key("Factors that several ties share, by a name of your own: one loss "
+    ratios: Annotated[dict[PartName, RatioSpec], Key("Factors that several ties share, by a name of your own: one loss "
         "factor for many springs.", "where dampings are poorly determined one by one: one loss factor for all springs "
         "has a fraction of their variance.")] = field(default_factory=dict)
-    robots: Annotated[dict[str, tuple[str, ...]], Key("Several robots of one type in one fit, for their common "
+    robots: Annotated[dict[FileName, tuple[str, ...]], Key("Several robots of one type in one fit, for their common "
         "parameters: by a name of your own, the configurations measured on each. Parameters that differ between them "
         "are `per: robot` (k_*: {}, fm_*: {per: robot}).", "where robots of one type share masses or stiffnesses but "
         "not friction; each parameter is then common unless it is `per: robot`.")] = field(default_factory=dict)

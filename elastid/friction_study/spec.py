@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
+from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointPosition, JointVelocity, Mass, Ratio, Time
 
@@ -104,7 +105,7 @@ class LoadSpec:
     """A load under which all passes are repeated: a posture, a payload, or both."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the load; logs name it too.", "short, since every level and figure carries it.")]
+    name: Annotated[Name, Key("Name of the load; logs name it too.", "short, since every level and figure carries it.")]
     configuration: Annotated[str | None, Key("Posture in which the other joints are held (default: the first of the "
         "experiment).", "postures in which gravity on the joint is small, medium and large give three loads without "
         "any weight.")] = None
@@ -218,10 +219,10 @@ class FrictionSpec:
 
     def __post_init__(self) -> None:
         """Refuse names given twice."""
-        for kind, names in (("joints", self.joints), ("loads", tuple(load.name for load in self.loads))):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            if twice:
-                raise ValueError(f"{kind}: {twice[0]} is given twice; leave one out")
+        twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
+        if twice:
+            raise ValueError(f"joints: {twice[0]} is given twice; leave one out")
+        check_different("loads:", [load.name for load in self.loads])
         if not self.rate_hz > 0:
             raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")
 

@@ -19,6 +19,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
+from elastid.base.escape import control_label
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.measurement_chain import LagElement
 from elastid.record import Configuration, Motion
@@ -66,7 +67,8 @@ class StateSpace:
             raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
         import control  # takes a second or two
 
-        labels = {"name": self.configuration.name, "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
+        labels = {"name": control_label(self.configuration.name), **names}
         system = control.ss(self.A, self.B, self.C, self.D)
         if pade is not None and self.delay > 0:
             late = control.tf2ss(*control.pade(self.delay, pade))

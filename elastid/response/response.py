@@ -17,6 +17,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import check_kind, index_of
+from elastid.base.escape import control_label
 from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
@@ -157,7 +158,8 @@ class FrequencyResponse:
         """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
         import control  # takes a second or two
 
-        labels = {"name": self.configuration.name, "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
+        labels = {"name": control_label(self.configuration.name), **names}
         return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
 
     @classmethod

@@ -8,6 +8,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
@@ -22,7 +23,7 @@ BASE = "base"
 PAYLOAD = "payload"
 # The frame that a payload is fixed to unless said otherwise; its Jacobian shows singular postures.
 TOOL = "tool"
-_TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
+TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @section
@@ -30,8 +31,8 @@ class Body:
     """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the body, which ends the names of its parameters (m_arm).", "short and without "
-        "blanks is easiest, since parameters end in it.")]
+    name: Annotated[PartName, Key("Name of the body, which ends the names of its parameters (m_arm).", "short and "
+        "without blanks is easiest, since parameters end in it.")]
     parent: Annotated[str, Key("Name of the body that carries it.", "the body before it in the chain; two bodies with "
         "one parent branch.")] = BASE
     placement: Annotated[Placement, Key("Placement of its first joint in the parent's frame.", "the joint's place as "
@@ -70,7 +71,7 @@ class Body:
     def inertia_entries(self) -> dict[str, float]:
         """The inertia's numbers by parameter suffix: '' for the isotropic one, else _xx, _yy ..."""
         if isinstance(self.inertia, tuple):
-            return {f"_{letters}": value for letters, value in zip(_TENSOR_LETTERS, self.inertia, strict=False)}
+            return {f"_{letters}": value for letters, value in zip(TENSOR_LETTERS, self.inertia, strict=False)}
         return {"": self.inertia}
 
     @property
@@ -102,8 +103,8 @@ class Frame:
     """A frame fixed to a body."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the frame, by which outputs and the payload refer to it.", "`tool` for the tip, "
-        "else what the sensor is called; outputs are then `frame NAME z`.")]
+    name: Annotated[PartName, Key("Name of the frame, by which outputs and the payload refer to it.", "`tool` for the "
+        "tip, else what the sensor is called; outputs are then `frame NAME z`.")]
     body: Annotated[str, Key("Name of the body that it is fixed to.", "the body behind whose joints the sensor sits; "
         "the wrong side of an elastic joint misses its bending.")]
     placement: Annotated[Placement, Key("Placement in the body's frame.", "measure to the sensor's own origin: 10 cm "

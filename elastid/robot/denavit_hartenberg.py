@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from elastid.base.names import Name, OptionalName
 from elastid.base.section import Key, section
 from elastid.base.units import Angle, Length, Mass
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
@@ -45,8 +46,8 @@ class Link:
         "three numbers suffice where the axes are nearly principal; 0 for a point mass.")] = 0.0
     elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints right behind it, in axes that have z in common "
         "with it.", "bearings and link bending, behind the gear; the commonest are two, across the driven axis.")] = ()
-    name: Annotated[str, Key("Name of the body; default: that of the joint.", "where a message should say `upper arm` "
-        "in place of a joint's number.")] = ""
+    name: Annotated[OptionalName, Key("Name of the body; default: that of the joint.", "where a message should say "
+        "`upper arm` in place of a joint's number.")] = ""
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -67,7 +68,7 @@ class DenavitHartenberg:
     """A serial robot as a table of links, from the base to the tool."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the robot.", "a new one for each set of numbers, since results quote it.")]
+    name: Annotated[Name, Key("Name of the robot.", "a new one for each set of numbers, since results quote it.")]
     convention: Annotated[Literal["standard", "modified"], Key("Convention of the Denavit-Hartenberg table, `standard` "
         "or `modified`.", "`modified` (Craig) where the rotation alpha comes first in a row, `standard` where last; a "
         "mix of both gives a robot that looks right at zero only.")]
@@ -126,7 +127,8 @@ class DenavitHartenberg:
         if self.inertia_about == "center_of_mass":
             return link.inertia
         c = np.array(link.center_of_mass)
-        tensor = Body("", inertia=link.inertia).inertia_matrix - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        about_origin = Body(link.body_name, inertia=link.inertia).inertia_matrix
+        tensor = about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
         xx, yy, zz, xy, xz, yz = (float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
         return xx, yy, zz, xy, xz, yz
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
@@ -95,8 +96,8 @@ class Compensator:
     """A coil or a gas spring, one of the two, between points of two bodies."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the compensator, which ends the names of its parameters.", "such as `spring_2`, "
-        "the axis that it holds.")]
+    name: Annotated[PartName, Key("Name of the compensator, which ends the names of its parameters.", "such as "
+        "`spring_2`, the axis that it holds.")]
     ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies between which the spring acts.", "first the "
         "fixed one; the force acts along the line between them.")]
     coil: Annotated[CoilSpring | None, Key("Coil spring, a mechanical one.", "for steel springs, whose force grows "

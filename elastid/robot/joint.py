@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field, is_dataclass
 from typing import Annotated, Literal
 
+from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import (
     Damping,
@@ -54,8 +55,8 @@ class Joint:
     """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the joint, which ends the names of its parameters (k_1, d_1, fm_1).", "numbers "
-        "as the controller's axes have them keep k_1 and motor 1 together.")]
+    name: Annotated[PartName, Key("Name of the joint, which ends the names of its parameters (k_1, d_1, fm_1).",
+        "numbers as the controller's axes have them keep k_1 and motor 1 together.")]
     axis: Annotated[Axis, Key("Axis of the joint: x, y, z or a direction, in the axes reached so far.", "positive as "
         "the controller counts; a wrong sign turns the response of this axis around.")] = "z"
     spring: Annotated[Spring | None, Key("Spring of the gear where the joint is driven, else of an elastic joint.",

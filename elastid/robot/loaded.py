@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import unused
 from elastid.robot.body import Body
 from elastid.robot.robot import Robot
 
@@ -21,4 +22,5 @@ def with_point_mass(robot: Robot, mass: float) -> Robot:
             f"robot {robot.name} has no frame that could carry {mass:g} kg; give it frames: [{{name: tool}}]"
         )
     seat = robot.frames[-1]
-    return replace(robot, bodies=(*robot.bodies, Body("point_mass", seat.body, seat.placement, mass=mass)))
+    name = unused("point_mass", [body.name for body in robot.all_bodies])
+    return replace(robot, bodies=(*robot.bodies, Body(name, seat.body, seat.placement, mass=mass)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
@@ -85,8 +86,8 @@ class Loop:
     """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the loop, which ends the names of its rod's parameters.", "that of the rod or "
-        "hinge in the drawing, since k_NAME of a rod appears in results.")]
+    name: Annotated[PartName, Key("Name of the loop, which ends the names of its rod's parameters.", "that of the rod "
+        "or hinge in the drawing, since k_NAME of a rod appears in results.")]
     ends: Annotated[tuple[Anchor, Anchor], Key("Two points of two bodies that the loop joins; a rod begins at the "
         "first end, and where it is moved by a driven lever, that is the lever's end.", "the first on the lever that "
         "is driven; exchanging the ends moves the rod's centre of mass.")]

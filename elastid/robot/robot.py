@@ -12,6 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, UnknownNameError
+from elastid.base.names import Name
 from elastid.base.section import Key, section
 from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
@@ -21,7 +22,7 @@ from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.named_numbers import Numbers, Path, at, below, replaced
 from elastid.robot.placement import Acceleration3, Placement
-from elastid.robot.tree_checks import check_carrier, check_known, check_loops, refuse_twice
+from elastid.robot.tree_checks import check_carrier, check_known, check_loops, check_part_names
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -36,8 +37,8 @@ class Robot:
     """
 
     # fmt: off
-    name: Annotated[str, Key("Name of the robot.", "a new one for each set of numbers, so that reports cannot be mixed "
-        "up.")]
+    name: Annotated[Name, Key("Name of the robot.", "a new one for each set of numbers, so that reports cannot be "
+        "mixed up.")]
     bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one for each "
         "part that moves by itself; springs in series are joints of one body.")]
     gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "for a robot on a wall or the "
@@ -63,6 +64,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Check the tree, then everything attached to it."""
+        check_part_names(self.all_bodies, self.joints, self.frames, self.loops, self.compensators)
         known = [BASE]
         for body in self.bodies:
             if body.parent not in known:
@@ -70,9 +72,6 @@ class Robot:
                     f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
                 )
             known.append(body.name)
-        refuse_twice("body", [BASE, *(body.name for body in self.all_bodies)])
-        for kind, parts in (("joint", self.joints), ("frame", self.frames), ("compensator", self.compensators)):
-            refuse_twice(kind, [part.name for part in parts])
         for frame in self.frames:
             check_known(f"frame {frame.name}", frame.body, self.bodies)
         for compensator in self.compensators:

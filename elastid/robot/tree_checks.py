@@ -1,20 +1,40 @@
-"""Checks of a tree of bodies: names given once that exist, loops between bodies, motors that gears can reach."""
+"""Checks of a tree of bodies: names that differ and exist, loops between bodies, motors that gears can reach."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 from elastid.base.errors import did_you_mean
-from elastid.robot.body import BASE, Body
+from elastid.base.names import check_different
+from elastid.robot.body import BASE, TENSOR_LETTERS, Body, Frame
+from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 
 
-def refuse_twice(kind: str, names: Sequence[str]) -> None:
-    """ValueError for a name that is given twice."""
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{kind} {name} is given twice")
+def check_part_names(
+    bodies: Sequence[Body],
+    joints: Sequence[Joint],
+    frames: Sequence[Frame],
+    loops: Sequence[Loop],
+    compensators: Sequence[Compensator],
+) -> None:
+    """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
+    for body in bodies:
+        if body.name.casefold() == BASE:
+            raise ValueError(
+                f"body {body.name}: its name is that of the base, which carries the first body and is not listed; give "
+                "it another"
+            )
+    for kind, parts in (
+        ("body", bodies), ("joint", joints), ("frame", frames), ("loop", loops), ("compensator", compensators),
+    ):  # fmt: skip
+        check_different(kind, [part.name for part in parts])
+    masses = [*(body.name for body in bodies), *(loop.name for loop in loops)]
+    for name in masses:
+        stem, _, letters = name.rpartition("_")
+        if letters in TENSOR_LETTERS and stem in masses:
+            raise ValueError(f"body {name}: its inertia I_{name} has the name of an entry of body {stem}; rename one")
 
 
 def check_known(owner: str, name: str, bodies: Sequence[Body]) -> None:

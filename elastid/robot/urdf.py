@@ -17,6 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.base.names import OptionalName, check_different, first_same
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, Body, Frame, Payload
@@ -57,8 +58,8 @@ class UrdfRobot:
         "must be expanded first.")]
     joints: Annotated[dict[str, UrdfJoint], Key("Properties of all joints that move, by their names in the URDF.",
         "every moving joint of the file, if only as {}: this is where motors and springs are added.")]
-    name: Annotated[str, Key("Name of the robot (default: that of the URDF).", "where two robots of one type need "
-        "names of their own.")] = ""
+    name: Annotated[OptionalName, Key("Name of the robot (default: that of the URDF).", "where two robots of one type "
+        "need names of their own.")] = ""
     gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "along -z of the base as in "
         "most URDFs; change it for a wall or a ceiling.")] = (0.0, 0.0, -9.81)
     source: Annotated[str, Key("Source of the robot's numbers, as free text.", "where springs and motors come from, "
@@ -78,7 +79,7 @@ class UrdfRobot:
         if root.tag != "robot":
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
         bodies, frames = _Reader(root, self.joints).read()
-        name = self.name or root.attributes.get("name", path.stem)
+        name = self.name or (root.name if "name" in root.attributes else path.stem)
         return Robot(name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload)
 
 
@@ -96,7 +97,8 @@ class _Reader:
 
     def __init__(self, root: UrdfElement, known: Mapping[str, UrdfJoint]) -> None:
         self.root, self.known = root, known
-        self.links = {link.text("name"): link for link in root.all("link")}
+        self.links = {link.name: link for link in root.all("link")}
+        self._check_different()
         self.below: dict[str, list[UrdfElement]] = {}
         self.child_of: dict[str, UrdfElement] = {}
         for joint in root.all("joint"):
@@ -106,12 +108,22 @@ class _Reader:
             self.below.setdefault(parent, []).append(joint)
             self.child_of[child] = joint
 
+    def _check_different(self) -> None:
+        """StudyError with its line for a link or joint whose name another one has."""
+        for kind in ("link", "joint"):
+            elements = list(self.root.all(kind))
+            names = [element.name for element in elements]
+            try:
+                check_different(kind, names)
+            except ValueError as error:
+                raise elements[first_same(names) or 0].wrong(str(error)) from None
+
     def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
         """All bodies, parents first, and the fixed links without mass as frames."""
         roots = [name for name in self.links if name not in self.child_of]
         if len(roots) != 1:
             raise self.root.wrong(f"one link must be the base; without a parent are {', '.join(roots) or 'none'}")
-        moving = [joint.text("name") for joint in self.root.all("joint") if joint.text("type") != "fixed"]
+        moving = [joint.name for joint in self.root.all("joint") if joint.text("type") != "fixed"]
         for name in self.known:
             if name not in moving:
                 listed = ", ".join(moving) or "none"
@@ -141,7 +153,7 @@ class _Reader:
         return tuple(bodies), tuple(frames)
 
     def _joints(self, joint: UrdfElement) -> tuple[Joint, ...]:
-        name, kind = joint.text("name"), joint.text("type")
+        name, kind = joint.name, joint.text("type")
         if kind == "fixed":
             return ()
         if kind not in _MOVING or joint.first("mimic") is not None:
@@ -224,7 +236,7 @@ def _limits(joint: UrdfElement) -> Limits:
 
 
 def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Joint, ...]) -> Body:
-    body = Body(link.text("name"), parent, placement, joints)
+    body = Body(link.name, parent, placement, joints)
     inertial = link.first("inertial")
     if inertial is None:
         return body

@@ -9,6 +9,9 @@ from pathlib import Path
 from xml.parsers import expat
 
 from elastid.base.errors import StudyError
+from elastid.base.names import SEPARATOR, NameRule
+
+_RULE = NameRule(without=SEPARATOR)
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,15 @@ class UrdfElement:
         if key not in self.attributes:
             raise self.wrong(f"<{self.tag}> needs {key}")
         return self.attributes[key]
+
+    @property
+    def name(self) -> str:
+        """The attribute `name`; StudyError where it is missing, or no name."""
+        name = self.text("name")
+        try:
+            return _RULE.check(name)
+        except ValueError as error:
+            raise self.wrong(str(error)) from None
 
     def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
         """So many finite numbers of an attribute; StudyError for anything else."""

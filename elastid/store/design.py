@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
 from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.passes import PassReference
@@ -105,5 +106,5 @@ def write_torque_reference(path: Path, torque: FloatArray, rate_hz: float) -> No
 def _write_csv(path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0) -> None:
     line = ",".join(["%.9g"] * len(headings)) + "\n"
     with text_file(path) as file:
-        csv.writer(file, lineterminator="\n").writerow(headings)
+        csv.writer(file, lineterminator="\n").writerow(map(csv_cell, headings))
         file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))

@@ -231,12 +231,6 @@ def put_text(group: Any, name: str, text: str) -> None:
         group.create_dataset(name, data=text, dtype=TEXT)
 
 
-def escaped(name: str) -> str:
-    """A name as that of a group: / and lone dots have a meaning in HDF5, and an empty name has none."""
-    text = name.replace("%", "%25").replace("/", "%2F")
-    return (text.replace(".", "%2E") or "%") if not text.strip(".") else text
-
-
 def _first_line(error: Exception) -> str:
     return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
 

@@ -15,9 +15,10 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
+from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label
 from elastid.base.mapped import mapped
-from elastid.store.files import escaped, opened, plain
+from elastid.store.files import opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
@@ -66,7 +67,7 @@ def read_entries(group: Any, annotation: Any) -> Iterator[Any]:
 def entry_names(group: Any) -> tuple[str, ...]:
     """The names of the entries of a group, in the order written, as those of its members."""
     if NAMES in group:
-        return tuple(escaped(name) for name in group[NAMES].asstr()[:].tolist())
+        return tuple(group_name(name) for name in group[NAMES].asstr()[:].tolist())
     return tuple(str(i) for i in range(len(group)))
 
 

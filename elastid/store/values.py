@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 from h5py import h5ds
 
+from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label, unit_of_name
 from elastid.base.mapped import PIECE_VALUES, release
-from elastid.store.files import TEXT, Stamp, created, escaped, put_text
+from elastid.store.files import TEXT, Stamp, created, put_text
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
@@ -122,7 +123,7 @@ def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, lab
         name_of = None
     for i, each in enumerate(value):
         names.append(str(i) if name_of is None else str(name_of(each)))
-        write_value(entries, escaped(names[-1]), each, annotation, above=above)
+        write_value(entries, group_name(names[-1]), each, annotation, above=above)
     if name_of is not None:
         entries.create_dataset(NAMES, data=names, dtype=TEXT)
     return None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import comment_lines, printable
 from elastid.study.checks import check_lines, check_study
 from elastid.study.messages import make_error, validate
 from elastid.study.quantities import convert_to_si
@@ -29,10 +30,10 @@ class LoadedStudy:
 
     def __repr__(self) -> str:
         """The path and the study at a glance."""
-        return f"{self.path}: {self.study!r}"
+        return f"{printable(str(self.path))}: {self.study!r}"
 
     def _repr_html_(self) -> str:
-        return f"<p>{escape(str(self.path))}</p>{self.study.display.html}"
+        return f"<p>{escape(printable(str(self.path)))}</p>{self.study.display.html}"
 
     @property
     def base(self) -> Path:
@@ -82,7 +83,7 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     for keys, value, option in pairs:
         if keys != ("robot",):
             source = _override(source, keys, value, option)
-    text = "".join([source.text, *(f"# --set {override}\n" for override in overrides)])
+    text = "".join([source.text, *(comment_lines(f"--set {override}", "# ") for override in overrides)])
     source = replace(source, text=text)
     try:
         return with_robot(source, folder), robot_errors
@@ -104,7 +105,7 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
     except StudyError as error:
         place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: {file} is no robot:\n{error}") from None
-    text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
+    text = f"{source.text.rstrip()}\n\n{comment_lines(robot, '# ')}{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 
 

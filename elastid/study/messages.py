@@ -15,10 +15,14 @@ from typing import Any, TypeAlias
 from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.escape import one_line, printable
 from elastid.study.reference import describe, names_in, type_at, words_in
 from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]
+
+# The last step of pydantic's location of an error about the key of a mapping, behind the key.
+_OF_KEY = "[key]"
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
                 break
             path.append(step)
             data = data[step]
-        elif union is None:
+        elif union is None and step != _OF_KEY:
             union = tuple(path)
     return tuple(path), union
 
@@ -107,6 +111,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, f"unknown key; {did_you_mean(str(path[-1]), known)}", at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
+        if error["loc"][-1:] == (_OF_KEY,):
+            return Problem(path, message, at_key=True)
         path = _named_key(message, path, value_at(data, path))
         return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
     if kind == "finite_number":
@@ -144,6 +150,16 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
             for i, entry in enumerate(entries if isinstance(entries, list) else []):
                 if isinstance(entry, dict) and str(entry.get("name")) == word:
                     return _named_key(message, (*path, key, i), entry)
+    return _quoted_key(message, path, section)
+
+
+def _quoted_key(message: str, path: KeyPath, section: Mapping[str, Any]) -> KeyPath:
+    """The entry of a list of this section whose name, of any characters, a sentence has; else the section."""
+    for key, entries in section.items():
+        for i, entry in enumerate(entries if isinstance(entries, list) else []):
+            name = str(entry.get("name") or "") if isinstance(entry, dict) else ""
+            if name and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", message):
+                return (*path, key, i, "name")
     return path
 
 
@@ -169,8 +185,8 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    keys = _dotted(problem.path[place.hidden :])
-    return place, f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}"
+    keys = one_line(_dotted(problem.path[place.hidden :]))
+    return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")
 
 
 def _dotted(path: KeyPath) -> str:

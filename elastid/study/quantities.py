@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from typing import TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.base.units import Quantity, to_si
-from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
@@ -54,7 +53,7 @@ def _convert_parameter(
 ) -> ParameterSpec:
     """The spec in SI.  table: the parameters; every: with geometry and gains that no key names."""
     path = (*_FIT, pattern)
-    names = [name for name in table if fnmatchcase(name, pattern.partition(SEPARATOR)[0])]
+    names = list(matching(pattern.partition(SEPARATOR)[0], table))
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _convert(value, names, (*path, *keys), table, found)
@@ -111,7 +110,7 @@ def _check_choice(study: Study) -> list[Problem]:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
         named = re.match(r"[^\s:.]+", message)
         given = study.fit.parameters
-        keys = [key for key in given if named and fnmatchcase(named[0].partition(SEPARATOR)[0], key)]
+        keys = [key for key in given if named and is_match(named[0].partition(SEPARATOR)[0], key)]
         keys += [key for key in given if named and named[0] == key]
         for key in keys[-1:]:
             if message.startswith((f"{key}:", f"{key}.")):

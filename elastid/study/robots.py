@@ -15,13 +15,18 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
+from ruamel.yaml.scalarstring import SingleQuotedScalarString
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import comment_lines
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.urdf import UrdfRobot
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.source import YamlSource, read_source
+
+# Texts that readers of the older YAML 1.1 take for true and false.
+_YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n")
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -58,7 +63,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
         rigid = _validated(source, UrdfRobot)
         file = folder / rigid.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
-        source = replace(source, text=source.text + "".join(f"# {line}\n" for line in lines))
+        source = replace(source, text=source.text + "".join(comment_lines(line, "# ") for line in lines))
         make = partial(rigid.robot, folder)
     else:
         return source
@@ -82,7 +87,7 @@ def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(_plain(robot), stream)
-    return "".join(f"# {line}\n" for line in comments) + stream.getvalue()
+    return "".join(comment_lines(line, "# ") for line in comments) + stream.getvalue()
 
 
 def _plain(value: Any) -> Any:
@@ -101,6 +106,8 @@ def _plain(value: Any) -> Any:
         if all(not isinstance(each, dict) for each in inner):
             inner.fa.set_flow_style()
         return inner
+    if isinstance(value, str) and value.lower() in _YAML_1_1_WORDS:
+        return SingleQuotedScalarString(value)
     if isinstance(value, bool | int | str):
         return value
     return float(value)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
+from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
@@ -26,17 +27,14 @@ from elastid.validation.spec import CompareSpec, ValidationSpec
 
 Kind: TypeAlias = Literal["simulated", "recorded", "responses", "frf", "frf-responses", "friction", "friction-recorded"]
 
-# Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.
-MAX_NAME_LENGTH = 100
-
 
 @section
 class Study:
     """One identification, from the excitation to the report."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the run "
-        "folder of the first, runs/NAME; without it results of both would land in one.")]
+    name: Annotated[FileName, Key("Name of the study and of its run folder.", "a new name for a changed copy keeps the "
+        "run folder of the first, runs/NAME; without it results of both would land in one.")]
     seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
         "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
         "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.")] = 0
@@ -72,10 +70,9 @@ class Study:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse what random generators and folders refuse."""
+        """Refuse what random generators refuse."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
-        check_file_name(self.name)
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -147,8 +144,8 @@ class MemberSpec:
     """One robot on one date."""
 
     # fmt: off
-    robot: Annotated[str, Key("Name of the robot.", "the serial number rather than a place in the hall, since trends "
-        "follow it over the years.")]
+    robot: Annotated[FileName, Key("Name of the robot.", "the serial number rather than a place in the hall, since "
+        "trends follow it over the years.")]
     date: Annotated[str, Key("Date of the measurement, year-month-day.", "that of the measurement, not of the "
         "analysis; two dates of one robot make a trend, and three show whether it is steady.")]
     set: Annotated[dict[str, Any], Key("Keys of the study that this member overrides, dotted.", "paths of logs above "
@@ -157,8 +154,7 @@ class MemberSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """A name that can name a folder, and a date."""
-        check_file_name(self.robot)
+        """Refuse a date that is none."""
         try:
             date.fromisoformat(self.date)
         except ValueError:
@@ -170,8 +166,8 @@ class FleetSpec:
     """One study over robots and dates."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the fleet and of its run folder.", "it names the run folder; a fleet that grows "
-        "keeps its name, and only new members are run.")]
+    name: Annotated[FileName, Key("Name of the fleet and of its run folder.", "it names the run folder; a fleet that "
+        "grows keeps its name, and only new members are run.")]
     study: Annotated[str, Key("Path of the study that every member runs, relative to this file.", "one that runs well "
         "for a single member; keys that differ between members are overridden by `set`.")]
     members: Annotated[tuple[MemberSpec, ...], Key("Members of the fleet, listed here.", "for a few robots whose keys "
@@ -190,7 +186,6 @@ class FleetSpec:
 
     def __post_init__(self) -> None:
         """One source of members, and a rate."""
-        check_file_name(self.name)
         if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
             raise ValueError("give the members by one of members, table and folders")
         if not 0 < self.false_discovery_rate < 1:
@@ -202,21 +197,3 @@ def joint_called(name: str, driven: Sequence[str]) -> str | None:
     if name in driven:
         return name
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None
-
-
-# Names of devices on Windows, with any ending.
-_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
-
-
-def check_file_name(name: str) -> None:
-    """Refuse a name that cannot name a file on every system; ValueError."""
-    if len(name) > MAX_NAME_LENGTH:
-        raise ValueError(
-            f"the name '{name[:20]}...' has {len(name)} characters; at most {MAX_NAME_LENGTH} can name a file"
-        )
-    if not name or name[0] in ". " or name[-1] in ". " or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name):
-        raise ValueError(
-            f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
-        )
-    if name.split(".")[0].upper() in _DEVICES:
-        raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")

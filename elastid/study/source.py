@@ -14,6 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import one_line
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
@@ -130,7 +131,9 @@ def _ends_of(line: str) -> str:
 def _reason(error: MarkedYAMLError) -> str:
     problem = str(error.problem or error.context or "cannot be read")
     if "'\\t'" in problem or "\\t" in problem:
-        return "a tab cannot indent; use spaces"
+        mark = error.problem_mark
+        is_indent = mark is None or not (mark.buffer or "")[: mark.pointer].rpartition("\n")[2].strip()
+        return "a tab cannot indent; use spaces" if is_indent else "a tab cannot separate; use a space in its place"
     return problem if not error.context or not error.problem else f"{problem} ({error.context})"
 
 
@@ -156,7 +159,7 @@ class _Reader:
         return Place(self.rank, node.start_mark.line + 1, node.start_mark.column + 1, self.name)
 
     def problem(self, node: Node, message: str) -> None:
-        self.problems.append(f"{self.place(node)}: {message}")
+        self.problems.append(f"{self.place(node)}: {one_line(message)}")
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
         self.places[path] = (key_place, self.place(node))
@@ -180,6 +183,9 @@ class _Reader:
                 self.problem(key_node, "a key must be a name, not a list or a mapping")
                 continue
             key = str(key_node.value)
+            if key_node.tag == f"{_TAG}merge":
+                self.problem(key_node, "merge keys (<<) are not read; write the keys that it would bring in")
+                continue
             if _half_character(key):
                 self.problem(key_node, "half of a character that UTF-8 cannot write (a surrogate) in a key")
                 continue

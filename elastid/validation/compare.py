@@ -20,14 +20,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 
 from elastid.base.errors import ElastidError, StudyError
+from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.setup.groups import SEPARATOR, is_group_key
+from elastid.fit.setup.groups import is_group_key
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.weight_spec import FactorSpec
@@ -103,7 +103,7 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     def is_gone(key: str) -> bool:
         key = key.partition(SEPARATOR)[0]
-        return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
+        return bool(matching(key, known)) and (key not in there if key in known else not matching(key, there))
 
     kept = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not kept:
@@ -127,7 +127,7 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     kept = {
         key: each
         for key, each in patterns.items()
-        if not is_group_key(key) or any(fnmatchcase(name, key.partition(SEPARATOR)[0]) for name in left)
+        if not is_group_key(key) or any(is_match(name, key.partition(SEPARATOR)[0]) for name in left)
     }
     return replace(spec, parameters={**kept, **still})
 

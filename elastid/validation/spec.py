@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
 
 
@@ -33,7 +34,7 @@ class VariantSpec:
     """Another model for `elastid compare`: its differences from the study's own."""
 
     # fmt: off
-    name: Annotated[str, Key("Name of the model in the comparison.", "a few words that the table and the figures can "
+    name: Annotated[Name, Key("Name of the model in the comparison.", "a few words that the table and the figures can "
         "hold.")]
     rigid: Annotated[tuple[str, ...], Key("Joints, and rods by the names of their loops, whose springs are left out; "
         "the gear of a driven joint is then rigid, any other joint is removed.", "the joint or rod whose elasticity is "
@@ -67,6 +68,4 @@ class CompareSpec:
         """Refuse one part, which leaves nothing to fit, and repeated names."""
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 to leave out one at a time")
-        names = [variant.name for variant in self.variants]
-        if len(set(names)) < len(names):
-            raise ValueError(f"variants repeats a name ({', '.join(names)})")
+        check_different("variants:", [variant.name for variant in self.variants])

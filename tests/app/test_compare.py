@@ -115,7 +115,7 @@ def test_keys_of_the_study_make_variants_as_on_the_command_line(study: Path) -> 
             "compare.variants: x: joint 9 has no spring to be left out; elastic joints",
         ),
         ('[{name: x, set: ["robot.bodies.1.mas=25"]}]', "compare.variants: x: .*robot.bodies.*mas"),
-        ("[{name: x}, {name: x}]", "variants repeats a name"),
+        ("[{name: x}, {name: x}]", "variants: x is given twice"),
     ],
 )
 def test_variants_that_cannot_be_are_refused(study: Path, option: str, says: str) -> None:

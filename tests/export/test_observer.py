@@ -7,12 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.hostile_names import HOSTILE
 
 from elastid.export.observer import Observer, write_observers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
+    """CasADi refuses two underscores in a row in the name of a function, C much else."""
+    names = (*HOSTILE[:: 1 + len(HOSTILE) // 10], "axis - 1", "axis 1", "x*/ #error pwn")
+    source, _ = write_observers(tmp_path, dict.fromkeys(names, Observer(FOLLOWED, NOISE, RATE_HZ)))
+    subprocess.run(["cc", "-std=c99", "-Wall", "-Werror", "-fsyntax-only", source], check=True)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")

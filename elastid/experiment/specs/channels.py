@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from elastid.base.names import PlaceName
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, TorqueConstant, factor, of_translation
 from elastid.record import MOTION_UNIT, Hold
@@ -40,10 +41,10 @@ class ChannelSpec:
         "torque, y motion; in studies of friction also t temperature of a joint, and reference: the position of a "
         "motor that the controller was asked for, by which validation moves the model.", "the torque that reaches the "
         "motor is u, be it measured or computed from current; what was added to the controller's output is r.")]
-    at: Annotated[str, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer "
-        "tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip x`.", "where the "
-        "sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, with side: "
-        "link.")]
+    at: Annotated[PlaceName, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; "
+        "`accelerometer tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip "
+        "x`.", "where the sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, "
+        "with side: link.")]
     channel: Annotated[str, Key("Name of the signal in the file: variable of a MATLAB file (`theta_m`, `rec.torque` "
         "inside a struct), column heading of a CSV file, or path of an HDF5 dataset.", "the name as `elastid inspect "
         "FILE` prints it.")] = ""

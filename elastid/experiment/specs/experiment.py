@@ -6,6 +6,7 @@ from dataclasses import field, replace
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import StudyError
+from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.channels import ChannelSpec
@@ -25,10 +26,10 @@ class ExperimentSpec:
     """Configurations to measure, repetitions, and the rig: simulated, recorded or responses, exactly one."""
 
     # fmt: off
-    configurations: Annotated[dict[str, tuple[JointPosition, ...]], Key("Postures that are measured: name to positions "
-        "of the driven joints (rad, or m where a joint slides). A section `design` adds others.", "choose postures "
-        "that load each spring differently; one seldom separates the springs of one axis, three to five commonly "
-        "do.")] = field(default_factory=dict)
+    configurations: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Postures that are measured: name to "
+        "positions of the driven joints (rad, or m where a joint slides). A section `design` adds others.", "choose "
+        "postures that load each spring differently; one seldom separates the springs of one axis, three to five "
+        "commonly do.")] = field(default_factory=dict)
     realisations: Annotated[int, Key("Number of independent draws of the random phases on a simulated rig; logs number "
         "theirs.", "more where friction distorts: variance and distortion fall as one over their number, the time "
         "grows with it; 4 to 10 are usual on a robot. Two is the least that shows the level of distortion, and the "

@@ -80,7 +80,7 @@ def _of(
     """A variable of each motor or joint."""
     values = np.zeros(len(motors)) if start is None else start
     return [
-        Variable(f"{name} of {motor}", causality, variability, f"{motor.capitalize()}: {text}", float(value))
+        Variable(f"{name} of {motor}", causality, variability, f"{motor[0].upper()}{motor[1:]}: {text}", float(value))
         for motor, value in zip(motors, values, strict=True)
     ]
 

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import SEPARATOR, is_match
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.parameters import ParameterSet
-
-# Between the name of a parameter and its group.
-SEPARATOR = "@"
 
 
 def is_group_key(key: str) -> bool:
@@ -51,7 +48,7 @@ def groups_of(
 
 def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
     """The settings of the parameter of one group: of its own keys, else those of all groups."""
-    matching = [each for each in given if is_group_key(each) and fnmatchcase(key, each)]
+    matching = [each for each in given if is_group_key(each) and is_match(key, each)]
     if not matching:
         return shared
     own = given[key if key in matching else matching[-1]]
@@ -69,14 +66,14 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
         where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
             raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
-        pers = [spec.per for each, spec in wanted.items() if fnmatchcase(each, name) and spec.per is not None]
+        pers = [spec.per for each, spec in wanted.items() if is_match(each, name) and spec.per is not None]
         if not pers:
             raise StudyError(
                 f"{where}: {name} has no groups; say which there are, for example {name}: {{per: robot}} with "
                 "fit.robots"
             )
         known = [each for per in pers for each in (spec.robots if per == "robot" else per)]
-        if "configuration" not in pers and not any(fnmatchcase(each, group) for each in known):
+        if "configuration" not in pers and not any(is_match(each, group) for each in known):
             raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
 
 

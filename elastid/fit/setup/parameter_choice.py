@@ -8,11 +8,11 @@ does not name keeps the robot's number.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.setup import groups
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
@@ -77,7 +77,9 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     """
     keys = [key for key in given if key[:1].isalpha()]
     keys += [asked.tie.to for asked in given.values() if asked.tie is not None and asked.tie.to in robot.geometry]
-    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in keys))
+    every = tuple(robot.numbers) + tuple(robot.geometry)
+    chosen = {name for key in keys for name in matching(key, every)}
+    return tuple(name for name in robot.geometry if name in chosen)
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
@@ -88,7 +90,7 @@ def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[s
 
 def nearest_parameter(key: str, table: Iterable[str], on_demand: Iterable[str]) -> str:
     """The end of a message about a key that no parameter matches."""
-    gains = [name for name in on_demand if fnmatchcase(name, key) and name.startswith("gain_")]
+    gains = [name for name in on_demand if is_match(name, key) and name.startswith("gain_")]
     if gains:
         return f"gains are named one by one, those of the channels that are not calibrated: {', '.join(gains[:3])} ..."
     return did_you_mean(key, table, on_demand)
@@ -100,18 +102,18 @@ def _match(
     """The settings of each name that a key of the study matches."""
     matched: dict[str, ParameterSpec] = {}
     for key, asked in given.items():
-        names = [name for name in table if fnmatchcase(name, key)]
+        names = matching(key, table)
         if not names:
             raise StudyError(
                 f"fit.parameters: the robot has no parameter {key}; {nearest_parameter(key, table, on_demand)}"
             )
-        matched |= {name: _starred(key, name, asked) for name in names}
+        matched |= {name: _starred(key, name, asked, table) for name in names}
     return matched | {key: asked for key, asked in given.items() if key in table}
 
 
-def _starred(key: str, name: str, asked: ParameterSpec) -> ParameterSpec:
+def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) -> ParameterSpec:
     """The key for one name of a pattern: the * of its tie is what the * of the key stands for."""
-    if asked.tie is None or "*" not in asked.tie.to:
+    if asked.tie is None or "*" not in asked.tie.to or asked.tie.to in table:
         return asked
     if key.count("*") != 1:
         raise StudyError(f"fit.parameters.{key}: a tie to {asked.tie.to} needs exactly one * in the key")
@@ -222,4 +224,4 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
         return start / BOUND_FACTOR, start * (
             BOUND_FACTOR_OF_FRICTION if name.startswith(("f_", "fm_")) else BOUND_FACTOR
         )
-    return DELAY_BOUNDS if name.partition(groups.SEPARATOR)[0] == DELAY else (-math.inf, math.inf)
+    return DELAY_BOUNDS if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)

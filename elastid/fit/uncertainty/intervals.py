@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from functools import partial
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.execution import Execution
+from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.least_squares import LeastSquares
@@ -131,10 +131,11 @@ def _profile_notes(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...
 def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
     """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
     free = parameters.free_names
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in free):
+    chosen = {pattern: matching(pattern, free) for pattern in patterns}
+    for pattern, names in chosen.items():
+        if not names:
             raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
-    return tuple(name for name in free if any(fnmatchcase(name, pattern) for pattern in patterns))
+    return tuple(name for name in free if any(name in names for names in chosen.values()))
 
 
 def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:

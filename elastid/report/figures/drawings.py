@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
+from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures.design import configuration_sketches, excitation, information
@@ -114,7 +114,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     left_out = {agreement.configuration for agreement in content.validation.left_out}
     model_std = content.model_std or (None,) * len(content.frf)
     dense = content.dense or (None,) * len(content.frf)
-    files = file_names([measured for measured, _ in content.frf])
+    files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
     for file, (measured, modelled), std, model in zip(files, content.frf, model_std, dense, strict=True):
         name = measured.configuration.name
         title = configuration_title(measured, name in left_out)
@@ -208,14 +208,3 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
         )
         draw = partial(nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
         yield Drawing("limits", "plan", caption, draw, on_page=False)
-
-
-def file_names(responses: Iterable[FrequencyResponse]) -> list[str]:
-    """frf-<configuration> of letters, digits, dots and dashes; numbered where two would be the same file."""
-    names: list[str] = []
-    for measured in responses:
-        name = "frf-" + re.sub(r"[^A-Za-z0-9._-]+", "-", measured.configuration.name)
-        if name.lower() in (other.lower() for other in names):
-            name = f"{name}-{len(names) + 1}"
-        names.append(name)
-    return names

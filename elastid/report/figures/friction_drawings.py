@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeAlias
 
 from matplotlib.figure import Figure
 
+from elastid.base.escape import file_names
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.passes import passes_of
@@ -38,7 +38,9 @@ def friction_study_drawings(
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of the twin along their logs, to be drawn."""
     yield from twin_drawings(twin.runs)
-    for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
+    for file, joint in zip(
+        file_names([joint.joint for joint in result.joints], "friction"), result.joints, strict=True
+    ):
         followed = [each for each in filters if each.joint == joint.joint]
         explained = [each for each in twin.balances if each.place == f"{JOINT}{joint.joint}"]
         for name, caption, draw in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
@@ -102,10 +104,3 @@ def _of_records(joint: JointFriction) -> Iterator[Named]:
             "threshold D; error of parts of the log that were left out of the fit, by number of elements."
         )
         yield "loops", caption, partial(friction_loops, joint.loops, joint.presliding, joint.slides)
-
-
-def _file_names(joints: Sequence[str]) -> list[str]:
-    """friction-<joint> of letters, digits, dots and dashes, numbered where two would be the same file."""
-    names = ["friction-" + re.sub(r"[^A-Za-z0-9._-]+", "-", joint) for joint in joints]
-    lower = [name.lower() for name in names]
-    return [name if lower.count(name.lower()) == 1 else f"{name}-{i + 1}" for i, name in enumerate(names)]

@@ -41,7 +41,7 @@ def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figu
     f = response.freq_hz
     for i, output in enumerate(response.outputs):
         unexplained = np.maximum(1 - quality.multiple_coherence[:, i], MIN_UNEXPLAINED)
-        lost.plot(f, unexplained, lw=0.8, color=style.SERIES[i % len(style.SERIES)], label=style.plain(output))
+        lost.plot(f, unexplained, lw=0.8, color=style.SERIES[i % len(style.SERIES)], label=style.plain_label(output))
     lost.set_yscale("log")
     gains.plot(f, style.in_db(quality.singular_values), lw=0.8, color=style.MEASURED)
     inputs.plot(f, style.in_db(quality.input_singular_values), lw=0.8, color=style.START)

@@ -19,6 +19,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodF
 from numpy.typing import NDArray
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.escape import figure_label, figure_text
 
 # Okabe and Ito (2008), by role.
 MEASURED = "#0072B2"
@@ -64,9 +65,8 @@ class ShownFigure(Figure):
         return buffer.getvalue()
 
 
-def plain(text: str) -> str:
-    """Text with its dollar signs as they are, not as the start of a formula."""
-    return text.replace("$", r"\$")
+# Text with its dollar signs as they are, not as the start of a formula; and as a label that a legend shows.
+plain, plain_label = figure_text, figure_label
 
 
 def pretty_unit(unit: str) -> str:

@@ -140,7 +140,9 @@ def left_out_errors(comparison: Comparison) -> Figure:
     for i, configuration in enumerate(comparison.configurations):
         error = np.sqrt([row.misfit[i] for row in rows])
         color, marker = style.SERIES[i % len(style.SERIES)], MARKERS[i % len(MARKERS)]
-        axes.plot(error, y, ls="none", marker=marker, ms=4.5, mfc="none", color=color, label=style.plain(configuration))
+        axes.plot(
+            error, y, ls="none", marker=marker, ms=4.5, mfc="none", color=color, label=style.plain_label(configuration)
+        )
     mean = [np.sqrt(row.mean_misfit) if np.isfinite(row.mean_misfit) else np.nan for row in rows]
     axes.plot(mean, y, ls="none", marker="|", ms=14, mew=2, color=style.TRUTH, label="root mean square")
     style.set_names(axes.yaxis, [row.name for row in rows])

@@ -1,19 +1,12 @@
-"""Data and scripts in a page: JSON in script elements, and the policy that lets only the page's own scripts run."""
+"""Scripts and style sheets in a page, and the policy that lets only the page's own scripts run."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import re
 from collections.abc import Iterable
 from importlib.resources import files
-from typing import Any
-
-
-def embedded(content: Any) -> str:
-    """JSON for a script element, its `<` escaped so that no text can end the element."""
-    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def asset(*path: str) -> str:

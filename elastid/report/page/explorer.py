@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.responses import configuration_title
-from elastid.report.page.embedding import asset, embedded
+from elastid.report.page.embedding import asset
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
 
@@ -48,7 +49,7 @@ def explorer(
             for (measured, modelled), dense in zip(pairs, models or (None,) * len(pairs), strict=True)
         ],
     }
-    return Explorer(embedded(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
+    return Explorer(embedded_json(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
 
 
 def curve_scripts() -> tuple[str, ...]:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.escape import embedded_json
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import DIRECTIONS, Z_95, Condition, law_band, law_directions, units
-from elastid.report.page.embedding import asset, embedded
+from elastid.report.page.embedding import asset
 from elastid.report.page.explorer import Explorer, curve_scripts
 
 POINTS = 120
@@ -32,7 +33,7 @@ def friction_explorer(joints: Iterable[JointFriction]) -> Explorer | None:
         "quantities": {"friction": quantity},
         "responses": [_curve(name, law) for name, law in laws],
     }
-    return Explorer(embedded(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
+    return Explorer(embedded_json(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
 
 
 def _looks() -> list[Mapping[str, Any]]:

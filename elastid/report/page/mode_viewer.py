@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.escape import embedded_json
 from elastid.base.numbers import number, percent
 from elastid.report.figures import style
 from elastid.report.modes.mode_drawing import ModeDrawing
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.page.embedding import asset, embedded
+from elastid.report.page.embedding import asset
 
 # To the size of the robot.
 STEPS = 5000
@@ -39,7 +40,7 @@ def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> ModeViewer | No
         "colors": {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED},
         "rows": [_row(row, "Hz" if rate_is_known else "of the sampling rate") for row in rows],
     }
-    return ModeViewer(embedded(content), asset("mode_viewer.js"))
+    return ModeViewer(embedded_json(content), asset("mode_viewer.js"))
 
 
 def _row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:

@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from elastid.base.escape import file_names
 from elastid.base.execution import Execution
 from elastid.base.note import NoteGroup, grouped
 from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.peaks import Peak
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
-from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, quality_drawings, response_drawings
+from elastid.report.figures.drawings import Drawing, friction_drawings, quality_drawings, response_drawings
 from elastid.report.figures.responses import configuration_title
 from elastid.report.page.booklet import columns, friction_text, heading, text_pages, title_page
 from elastid.report.page.embedding import script_policy
@@ -84,7 +85,11 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
 
 def _drawings(content: ResponsesContent) -> Iterator[Drawing]:
     yield from friction_drawings(content.friction)
-    for file, response in zip(file_names(content.responses), content.responses, strict=True):
+    for file, response in zip(
+        file_names([response.configuration.name for response in content.responses], "frf"),
+        content.responses,
+        strict=True,
+    ):
         title = configuration_title(response, left_out=False)
         yield from response_drawings(file, response, None, title)
         yield from quality_drawings(file, response, title)

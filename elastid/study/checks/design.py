@@ -10,7 +10,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.design.robot_time import robot_time_refusal
 from elastid.design.spec import CandidateSpec, DesignSpec, interest
 from elastid.fit.setup.parameter_choice import choose
-from elastid.study.checks.names import check_name, check_units
+from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -70,7 +70,6 @@ def _check_candidates(study: Study, spec: CandidateSpec) -> Iterator[Problem]:
     yield from check_units((*_CANDIDATES, "margin"), spec.margin, robot)
     for name, angles in spec.given.items():
         path: KeyPath = (*_CANDIDATES, "given", name)
-        yield from check_name(path)
         yield from check_units(path, angles, robot)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)

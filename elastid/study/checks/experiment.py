@@ -8,12 +8,13 @@ from dataclasses import fields
 
 import numpy as np
 
+from elastid.base.names import check_name
 from elastid.experiment.specs.disturbances import WarmingSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
 from elastid.robot import Joint, Robot
 from elastid.study.checks.fit import check_model
-from elastid.study.checks.names import check_name, check_place, check_units
+from elastid.study.checks.names import check_place, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -87,7 +88,6 @@ def _check_configurations(study: Study) -> Iterator[Problem]:
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
-        yield from check_name(path)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue

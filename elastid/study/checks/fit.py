@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fnmatch import fnmatchcase
 
 import numpy as np
 
 from elastid.base.errors import StudyError
+from elastid.base.names import SEPARATOR, is_match
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
-from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.weight_spec import misnamed
 from elastid.model.spec import ModelSpec
 from elastid.robot import Body, Robot, unit_axis
 from elastid.study.checks.names import (
-    check_name,
     check_names,
     list_configurations,
     list_inputs,
@@ -48,11 +46,10 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
         base, _, one = key.partition(SEPARATOR)
-        each = any(p.per == "configuration" for k, p in fit.parameters.items() if fnmatchcase(k, base) or k == base)
-        if one and each and not any(fnmatchcase(name, one) for name in configurations):
+        each = any(p.per == "configuration" for k, p in fit.parameters.items() if is_match(k, base))
+        if one and each and not any(is_match(name, one) for name in configurations):
             yield unknown((*_PARAMETERS, key), "configuration", one, configurations)
     for path, names in given:
-        yield from check_name(path)
         yield from check_names(path, "configuration", names, configurations)
     measured = {name for names in fit.robots.values() for name in names}
     missing = [name for name in study.experiment.configurations if name not in measured]
@@ -100,7 +97,7 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
     except StudyError:
         return  # reported where the parameters are checked
     for name, message in geometry_problems(parameters, study.as_robot(), configurations):
-        keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
+        keys = [key for key in study.fit.parameters if is_match(name.partition("@")[0], key)]
         yield Problem((*_PARAMETERS, *keys[-1:]), message)
         return
 
@@ -113,9 +110,7 @@ def _check_inertias(study: Study) -> Iterator[Problem]:
         return  # reported where the parameters are checked
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
-        keys = [
-            key for key in study.fit.parameters if any(fnmatchcase(e, key.partition(SEPARATOR)[0]) for e in entries)
-        ]
+        keys = [key for key in study.fit.parameters if any(is_match(e, key.partition(SEPARATOR)[0]) for e in entries)]
         yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
 
 

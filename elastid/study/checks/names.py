@@ -8,7 +8,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.structure import Places
 from elastid.robot import Robot
 from elastid.study.messages import Problem
-from elastid.study.sections import Study, check_file_name
+from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
 # A design that fits as many configurations as it can into a robot_time may use this many names.
@@ -25,14 +25,6 @@ def check_names(path: KeyPath, noun: str, names: Sequence[str], known: Sequence[
     for i, name in enumerate(names):
         if name not in known:
             yield unknown((*path, i), noun, name, known)
-
-
-def check_name(path: KeyPath) -> Iterator[Problem]:
-    """A key that the study chooses can name a file."""
-    try:
-        check_file_name(str(path[-1]))
-    except ValueError as error:
-        yield Problem(path, str(error), at_key=True)
 
 
 def check_place(path: KeyPath, location: str, places: Places) -> Iterator[Problem]:

@@ -1,0 +1,180 @@
+"""Escapes: a text as it is written into a target, so that it is nothing but a text there.
+
+Every text that leaves a study goes through the escape of its target. Names are printable lines already (`base.names`);
+the escapes hold for free texts and for what other programs have written, too. XML and HTML of whole documents are
+written by ElementTree and Jinja2, which escape markup; JSON in a page by `embedded_json`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from typing import Any
+
+# A spreadsheet takes a cell that begins with one of these for a formula.
+_FORMULA = tuple("=+-@\t\r")
+# Double underscores and keywords are not allowed in names of CasADi's functions, and a prefix keeps keywords out.
+_NOT_IN_IDENTIFIER = re.compile(r"[\W_]+", re.ASCII)
+
+
+def printable(text: str) -> str:
+    r"""For a terminal, a log, a prompt: control characters, and those that turn the direction of writing, written out.
+
+    Tabs and line feeds stay.
+
+    >>> printable("red \x1b[31m")
+    'red \\x1b[31m'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text)
+
+
+def one_line(text: str) -> str:
+    r"""`printable`, its tabs and line feeds written out as well: a cell of a table, a line of a comment.
+
+    >>> one_line("1\nevil: 1")
+    '1\\nevil: 1'
+    """
+    return printable(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
+def comment_lines(text: str, prefix: str) -> str:
+    """Lines of a comment that ends with its line, each behind the prefix: YAML and Python `# `, MATLAB `% `."""
+    return "".join(f"{prefix}{one_line(line)}\n" for line in text.split("\n"))
+
+
+def c_comment(lines: Iterable[str]) -> str:
+    r"""A comment of C and C++ of several lines, which no text within can end or nest.
+
+    >>> print(c_comment(["x*/ #error"]), end="")
+    /* x* / #error
+     */
+    """
+    safe = (_apart(one_line(line), "*/", "/*") for line in lines)
+    return "/* " + "\n * ".join(safe).replace(" * \n", " *\n") + "\n */\n"
+
+
+def xml_comment(text: str) -> str:
+    """The inside of a comment of XML, which has no double hyphen and does not end in one.
+
+    >>> xml_comment("a---b")
+    'a- - -b'
+    """
+    return _apart(printable(text), "--").rstrip("-")
+
+
+def _apart(text: str, *pairs: str) -> str:
+    """The text with a blank inside each of these pairs of characters, also where they overlap."""
+    for pair in pairs:
+        text = re.sub(f"{re.escape(pair[0])}(?={re.escape(pair[1])})", f"{pair[0]} ", text)
+    return text
+
+
+def c_identifiers(names: Iterable[str], prefix: str) -> dict[str, str]:
+    """By name an identifier of C and of CasADi, all different in more than case.
+
+    >>> c_identifiers(["axis - 1", "axis 1", "é"], "joint")
+    {'axis - 1': 'joint_axis_1', 'axis 1': 'joint_axis_1_2', 'é': 'joint'}
+    """
+    identifiers: dict[str, str] = {}
+    for name in names:
+        base = "_".join(filter(None, (prefix, *_NOT_IN_IDENTIFIER.split(name))))
+        identifiers[name] = unused(base, identifiers.values(), "_")
+    return identifiers
+
+
+def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
+    """The name, with a number behind it where another one differs from it at most in case."""
+    known = {each.casefold() for each in taken}
+    number = 1
+    while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in known:
+        number += 1
+    return numbered
+
+
+def file_names(names: Iterable[str], prefix: str) -> list[str]:
+    """prefix-name of ASCII letters, digits, dots and dashes for each; numbered where two would be the same file.
+
+    >>> file_names(["a/b", "a b", "../x"], "frf")
+    ['frf-a-b', 'frf-a-b-2', 'frf-..-x']
+    """
+    files: list[str] = []
+    for name in names:
+        file = f"{prefix}-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
+        if file.casefold() in (other.casefold() for other in files):
+            file = unused(f"{file}-{len(files) + 1}", files, "-")
+        files.append(file)
+    return files
+
+
+def file_name(name: str) -> str:
+    """A name as part of a file's: separators, and what Windows refuses, escaped by their codes; others as they are.
+
+    >>> file_name("../x"), file_name("bench 1")
+    ('%2E.%2Fx', 'bench 1')
+    """
+    escaped = re.sub(r'[%/\\:*?"<>|]', lambda match: f"%{ord(match[0]):02X}", one_line(name))
+    return f"%2E{escaped[1:]}" if escaped.startswith(".") else escaped
+
+
+def group_name(name: str) -> str:
+    """A name as that of a group of HDF5, where / and lone dots have a meaning."""
+    escaped = name.replace("%", "%25").replace("/", "%2F").replace("\0", "%00")
+    return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
+
+
+def csv_cell(value: Any) -> Any:
+    """A cell of a table for spreadsheets: numbers as they are; a text that a spreadsheet would take for a formula gets
+    an apostrophe before it, as spreadsheets mark a text, and no text spans lines.
+
+    >>> csv_cell("=1+1"), csv_cell("k_1"), csv_cell(-1.0)
+    ("'=1+1", 'k_1', -1.0)
+    """
+    if not isinstance(value, str):
+        return value
+    return f"'{one_line(value)}" if value.startswith(_FORMULA) else one_line(value)
+
+
+def uff_text(text: str) -> str:
+    """A line of at most 80 characters of ASCII in a universal file, which cannot be the -1 that ends a data set.
+
+    >>> uff_text("    -1")
+    '-1 .'
+    """
+    line = re.sub(" +", " ", one_line(text).encode("ascii", "backslashreplace").decode()).strip()[:78].strip()
+    return f"{line} ." if line in ("", "-1") else line
+
+
+def docstring(text: str) -> str:
+    r"""A text inside a docstring of Python, which it cannot end; without the characters of str.format.
+
+    >>> print(docstring('say "x"'))
+    say \"x\"
+    """
+    return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
+
+
+def control_label(name: str) -> str:
+    """A name of a system or signal as python-control takes it, which refuses dots."""
+    return name.replace(".", "_")
+
+
+def embedded_json(content: Any) -> str:
+    """JSON for a script element of HTML, its `<` escaped so that no text can end the element."""
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def figure_text(text: str) -> str:
+    r"""A text in a figure of matplotlib, its dollar signs not the start of a formula.
+
+    >>> figure_text("$x$")
+    '\\$x\\$'
+    """
+    return text.replace("$", r"\$")
+
+
+def figure_label(text: str) -> str:
+    """A label in a legend of matplotlib, which leaves out those that begin with an underscore."""
+    return f" {figure_text(text)}" if text.startswith("_") else figure_text(text)

@@ -1,0 +1,161 @@
+"""Names that a study gives to joints, bodies, configurations and the like, and the patterns that choose among them.
+
+A name is one line of printable characters, so that it is nothing but a name in a terminal, a file or a program. Within
+one list, names differ in more than case. A name always stands for itself, whatever characters it has; only where no
+name is equal to it, a text is a pattern (`*`, `?`, `[...]`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from typing import Annotated, Any, TypeAlias
+from unicodedata import normalize
+
+MAX_NAME_LENGTH = 100
+# Of a place on a robot: kind and name of a part, and an axis.
+MAX_PLACE_LENGTH = MAX_NAME_LENGTH + 20
+# Names of files are those of configurations with a number, a stamp and an ending; systems end at 255 bytes.
+MAX_FILE_NAME_BYTES = 200
+# Between the name of a parameter, which ends in that of a part of the robot, and its group.
+SEPARATOR = "@"
+
+_NOT_IN_FILE_NAMES = '/\\:*?"<>|'
+# Names of devices on Windows, with any ending.
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
+
+
+@dataclass(frozen=True)
+class NameRule:
+    """Marks a text of a section as a name, which is checked however the section is made.
+
+    is_file: it also names a file or a folder.  without: characters that have a meaning beside it.  is_optional: it may
+    be empty.
+    """
+
+    is_file: bool = False
+    without: str = ""
+    max_length: int = MAX_NAME_LENGTH
+    is_optional: bool = False
+
+    def check(self, name: str) -> str:
+        """The name; ValueError for a text that cannot be one."""
+        if self.is_optional and not name:
+            return name
+        check_name(name, self.max_length)
+        if self.is_file:
+            check_file_name(name)
+        for character in self.without:
+            if character in name:
+                raise ValueError(
+                    f"the name '{name}' contains '{character}', which separates a parameter from its group; take "
+                    "another character"
+                )
+        return name
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """How pydantic validates the field; imported here so that value types stay free of pydantic."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+
+Name: TypeAlias = Annotated[str, NameRule()]
+# Of a part of the robot: names of parameters end in it.
+PartName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR)]
+PlaceName: TypeAlias = Annotated[str, NameRule(max_length=MAX_PLACE_LENGTH)]
+# Of what has another name unless it is given one.
+OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional=True)]
+FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
+
+
+def check_name(name: str, max_length: int = MAX_NAME_LENGTH) -> None:
+    r"""ValueError for a text that is empty, too long, blank at an end, or not one line of printable characters.
+
+    >>> check_name("axis [1]")
+    >>> check_name("1\nevil: 1")
+    Traceback (most recent call last):
+    ValueError: the name '1\nevil: 1' contains the character U+000A, which cannot be printed in one line; take it out
+    """
+    if not name:
+        raise ValueError("the name is empty; give one")
+    if len(name) > max_length:
+        raise ValueError(f"the name {name[:20]!r}... has {len(name)} characters; at most {max_length} are allowed")
+    if not name.isprintable():
+        code = next(ord(character) for character in name if not character.isprintable())
+        raise ValueError(
+            f"the name {name!a} contains the character U+{code:04X}, which cannot be printed in one line; take it out"
+        )
+    if name != name.strip():
+        raise ValueError(f"the name '{name}' begins or ends with a blank; take it out")
+
+
+def check_file_name(name: str) -> None:
+    """ValueError for a name that cannot name a file on every system."""
+    check_name(name)
+    if (count := len(name.encode("utf-8", "surrogatepass"))) > MAX_FILE_NAME_BYTES:
+        raise ValueError(
+            f"the name '{name[:20]}...' has {count} bytes in UTF-8; at most {MAX_FILE_NAME_BYTES} can name a file"
+        )
+    if name[0] == "." or name[-1] == "." or any(character in _NOT_IN_FILE_NAMES for character in name):
+        raise ValueError(
+            f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
+        )
+    if name.split(".")[0].upper() in _DEVICES:
+        raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")
+
+
+@lru_cache(maxsize=4096)
+def _folded(name: str) -> str:
+    """A name without case, in one form of its characters, blanks as underscores."""
+    return normalize("NFKC", normalize("NFKC", name).casefold()).replace(" ", "_")
+
+
+def check_different(noun: str, names: Iterable[str]) -> None:
+    """ValueError for a name that is given twice, or that differs from another in case or in blanks alone.
+
+    >>> check_different("joint", ["arm", "Arm"])
+    Traceback (most recent call last):
+    ValueError: joint 'Arm' differs from 'arm' in case or in a blank alone; give it a name of its own
+    """
+    listed = list(names)
+    place = first_same(listed)
+    if place is None:
+        return
+    name, other = listed[place], next(each for each in listed if _folded(each) == _folded(listed[place]))
+    if other == name:
+        raise ValueError(f"{noun} {name} is given twice; leave one out")
+    raise ValueError(f"{noun} '{name}' differs from '{other}' in case or in a blank alone; give it a name of its own")
+
+
+def first_same(names: Sequence[str]) -> int | None:
+    """The place of the first name that is the same as one before it but for case and blanks; None without any."""
+    known: set[str] = set()
+    for i, name in enumerate(names):
+        if _folded(name) in known:
+            return i
+        known.add(_folded(name))
+    return None
+
+
+def is_match(name: str, pattern: str) -> bool:
+    """True where a pattern stands for a name, or is that name.
+
+    >>> is_match("k_axis [1]", "k_axis [1]"), is_match("k_1", "k_*")
+    (True, True)
+    """
+    return name == pattern or fnmatchcase(name, pattern)
+
+
+def matching(pattern: str, names: Iterable[str]) -> tuple[str, ...]:
+    """The name equal to a text, or else the names for which it stands as a pattern.
+
+    >>> matching("k_[1]", ["k_1", "k_[1]"])
+    ('k_[1]',)
+    >>> matching("k_[1]", ["k_1", "d_1"])
+    ('k_1',)
+    """
+    listed = tuple(names)
+    return (pattern,) if pattern in listed else tuple(name for name in listed if fnmatchcase(name, pattern))

@@ -1,0 +1,112 @@
+"""A name is one line of printable characters wherever it is given, and stands for itself before it is a pattern."""
+
+from pathlib import Path
+
+import pytest
+from plants.hostile_names import FILES, HOSTILE, REFUSED
+
+from elastid.base.errors import StudyError
+from elastid.base.names import check_different, check_file_name, check_name, is_match, matching
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.robot import Body, Frame, Joint, Motor, Robot, Spring
+from elastid.study import load, load_robot
+
+URDF = """<robot name="r"><link name="foot"/><link name="arm"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{joint}" type="continuous"><parent link="foot"/><child link="arm"/></joint></robot>"""
+
+
+def quoted(name: str) -> str:
+    """A name as a text of YAML in double quotes."""
+    return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name) + '"'
+
+
+def robot_called(joint: str, body: str = "arm") -> Robot:
+    return Robot("r", (Body(body, joints=(Joint(joint, spring=Spring(1e3), motor=Motor(1.0, 1.0)),), inertia=1.0),))
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_printable_line_is_a_name(name: str) -> None:
+    check_name(name)
+    assert robot_called(name).joints[0].name == name
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_anything_else_is_refused_in_python(name: str) -> None:
+    for make in (robot_called, lambda text: robot_called("1", text), lambda text: Frame(text, "arm")):
+        with pytest.raises(ValueError, match=r"^name: the name "):
+            make(name)
+
+
+@pytest.mark.parametrize("name", [name for name in REFUSED if name != "a@b"])
+def test_it_is_refused_with_its_place_in_a_study(tiny: Path, name: str) -> None:
+    """Of the study, a configuration, a joint and a body; the message has no control character itself."""
+    robot = tiny.parent / "robot.yml"
+    texts = {file: file.read_text(encoding="utf-8") for file in (tiny, robot)}
+    for file, old, line in (
+        (tiny, "name: tiny", 1), (tiny, "    a: [0]", 11),
+        (robot, "      - name: 1", 6), (robot, "  - name: load", 4), (robot, "name: one elastic joint", 1),
+    ):  # fmt: skip
+        new = f"    {quoted(name)}: [0]" if old.endswith("[0]") else f"{old.partition(':')[0]}: {quoted(name)}"
+        file.write_text(texts[file].replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(StudyError) as error:
+            load(tiny)
+        file.write_text(texts[file], encoding="utf-8")
+        first = str(error.value).splitlines()[0]
+        assert first.startswith(f"{file}:{line}:"), first
+        assert "the name " in first
+        assert first.isprintable()
+
+
+@pytest.mark.parametrize("name", ["&#10;", "&#9;", " x", "", "a@b", "&#x202e;"])
+def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> None:
+    (tmp_path / "r.urdf").write_text(URDF.format(joint=name), encoding="utf-8")
+    (tmp_path / "r.yml").write_text("urdf: r.urdf\njoints: {'1': {motor: {inertia: 1, ratio: 1}}}\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"r\.urdf:3: the name "):
+        load_robot(tmp_path / "r.yml")
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "C:\\x", "CON", "x.", ".x", "é" * 101, "轴" * 70])
+def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
+    """At the key of a configuration."""
+    with pytest.raises(ValueError, match="name"):
+        check_file_name(name)
+    tiny.write_text(tiny.read_text().replace("    a: [0]", f"    {quoted(name)}: [0]"), encoding="utf-8")
+    with pytest.raises(StudyError, match=r"study.yml:11:5: experiment\.configurations\."):
+        load(tiny)
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        ("experiment.configurations={a: [0], A: [0]}", "name 'A' differs from 'a' in case"),
+        ("robot.bodies.0.name=base", r"robot\.bodies\[0\]\.name: body base: its name is that of the base"),
+        ("robot.bodies.0.name=Base", "its name is that of the base"),
+        ("robot.frames=[{name: t, body: load}, {name: T, body: load}]", "frame 'T' differs from 't' in case"),
+    ],
+)
+def test_names_of_one_list_differ_in_more_than_case(tiny: Path, option: str, says: str) -> None:
+    with pytest.raises(StudyError, match=says):
+        load(tiny, [option])
+
+
+def test_characters_of_one_look_are_one() -> None:
+    """Composed or not, wide or not, with a blank or an underscore, which parameters' names do not distinguish."""
+    for other in ("É 1", "e\u0301 1", "é_1"):
+        with pytest.raises(ValueError, match=r"differs from|given twice"):
+            check_different("joint", ["é 1", other])
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_name_stands_for_itself(name: str) -> None:
+    """Also among others for which it would be a pattern."""
+    assert is_match(name, name)
+    assert matching(name, [*FILES, *HOSTILE, "k_1", "1"]) == (name,)
+
+
+def test_a_spring_of_a_joint_with_brackets_is_fitted_and_no_other() -> None:
+    joints = tuple(Joint(name, spring=Spring(1e3), motor=Motor(1.0, 1.0)) for name in ("axis [1]", "axis 1"))
+    robot = Robot("r", (Body("arm", joints=joints, inertia=1.0),))
+    free = choose(FitSpec(parameters={"k_axis [1]": ParameterSpec()}), robot).free
+    assert [parameter.name for parameter in free] == ["k_axis [1]"]
