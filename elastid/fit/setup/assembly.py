@@ -21,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, Part, elastic_fit, linear_model
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
@@ -235,10 +235,4 @@ class RelinearisedFit:
 
     def at(self, x: FloatArray) -> ElasticFit:
         """The fit at x; which elements count and how much stays as it is at the first start."""
-        moved = self.linearise(x)
-        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.first.parts)))
-
-
-def _weighed_as(part: Part, first: Part) -> Part:
-    """The part on the lines of another, with its weights and what has been worked out of them."""
-    return part.below(first.kernel.freq_hz.max(initial=0.0)).with_residuals_of(first)
+        return self.linearise(x).with_residuals_of(self.first)

@@ -8,7 +8,6 @@ from dataclasses import fields
 
 import numpy as np
 
-from elastid.base.names import check_name
 from elastid.experiment.specs.disturbances import WarmingSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
@@ -178,7 +177,6 @@ def check_structure(study: Study) -> Iterator[Problem]:
         yield Problem(("experiment", "configurations"), message)
     for name, angles in experiment.configurations.items():
         path = ("experiment", "configurations", name)
-        yield from check_name(path)
         if refused := study.places.count_refusal(len(angles)):
             yield Problem(path, refused)
     if experiment.experiments is not None:
