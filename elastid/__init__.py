@@ -20,7 +20,7 @@ Floors, from the top; a room imports from the floors below it only:
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
 - friction model response      laws; equations of motion in CasADi; FrequencyResponse
 - excitation parameters robot   multisines; names and vectors; bodies, joints, springs, motors
-- record friction_record        sampled signals
+- record        sampled signals
 - base          arrays, units, errors, notes, execution
 
 The names below are those that a notebook needs, in the order of the work; they are loaded when they are first used.
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from elastid.excitation.spec import MultisineSpec as MultisineSpec
     from elastid.experiment.plan.plan import Plan as Plan
     from elastid.experiment.plan.plan import make_plan as make_plan
-    from elastid.experiment.simulated.closed_loop import closed_loop_of as closed_loop_of
     from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig as SimulatedFrictionRig
+    from elastid.experiment.simulated.plant import closed_loop_of as closed_loop_of
     from elastid.experiment.simulated.rig import SimulatedRig as SimulatedRig
     from elastid.experiment.specs.channels import ChannelSpec as ChannelSpec
     from elastid.experiment.specs.disturbances import NoiseSpec as NoiseSpec
@@ -56,11 +56,9 @@ if TYPE_CHECKING:
     from elastid.fit.spec import ParameterSpec as ParameterSpec
     from elastid.fit.spec import PriorSpec as PriorSpec
     from elastid.fit.spec import TieSpec as TieSpec
-    from elastid.fit.weight_spec import WeightSpec as WeightSpec
+    from elastid.fit.spec import WeightSpec as WeightSpec
     from elastid.frf.estimate import estimate as estimate
     from elastid.frf.spec import EstimatorSpec as EstimatorSpec
-    from elastid.friction_record import FrictionRecord as FrictionRecord
-    from elastid.friction_record import FrictionRecords as FrictionRecords
     from elastid.friction_study.identify import identify_friction as identify_friction
     from elastid.friction_study.joint_levels import find_joint_levels as find_joint_levels
     from elastid.friction_study.result import FrictionResult as FrictionResult
@@ -69,9 +67,11 @@ if TYPE_CHECKING:
     from elastid.linear.linearise import linearise as linearise
     from elastid.linear.response.transfer import frequency_response as frequency_response
     from elastid.model.formulation import formulate as formulate
-    from elastid.model.serial import serial as serial
+    from elastid.model.formulation import serial as serial
     from elastid.model.spec import ModelSpec as ModelSpec
     from elastid.record import Configuration as Configuration
+    from elastid.record import FrictionRecord as FrictionRecord
+    from elastid.record import FrictionRecords as FrictionRecords
     from elastid.record import Record as Record
     from elastid.recorded.rig import RecordedRig as RecordedRig
     from elastid.response import Covariance as Covariance
@@ -113,20 +113,18 @@ _NAMES = {
     "elastid.experiment.specs.recorded": ("RecordedSpec", "FileSpec"),
     "elastid.experiment.specs.channels": ("ChannelSpec",),
     "elastid.experiment.plan.plan": ("Plan", "make_plan"),
-    "elastid.experiment.simulated.closed_loop": ("closed_loop_of",),
+    "elastid.experiment.simulated.plant": ("closed_loop_of",),
     "elastid.experiment.simulated.rig": ("SimulatedRig",),
     "elastid.recorded.rig": ("RecordedRig",),
-    "elastid.record": ("Configuration", "Record"),
+    "elastid.record": ("Configuration", "Record", "FrictionRecord", "FrictionRecords"),
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
     "elastid.response": ("Covariance", "FrequencyResponse"),
     "elastid.model.spec": ("ModelSpec",),
-    "elastid.model.formulation": ("formulate",),
-    "elastid.model.serial": ("serial",),
+    "elastid.model.formulation": ("formulate", "serial"),
     "elastid.linear.linearise": ("linearise",),
     "elastid.linear.response.transfer": ("frequency_response",),
-    "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec"),
-    "elastid.fit.weight_spec": ("WeightSpec",),
+    "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec", "WeightSpec"),
     "elastid.fit.identify": ("identify",),
     "elastid.fit.result": ("FitResult",),
     "elastid.linear.fitted_model": ("FittedModel",),
@@ -134,7 +132,6 @@ _NAMES = {
     "elastid.validation.agreement": ("validate",),
     "elastid.design.friction": ("design_friction",),
     "elastid.experiment.simulated.friction_rig": ("SimulatedFrictionRig",),
-    "elastid.friction_record": ("FrictionRecord", "FrictionRecords"),
     "elastid.friction_study.spec": ("FrictionSpec",),
     "elastid.friction_study.joint_levels": ("find_joint_levels",),
     "elastid.friction_study.identify": ("identify_friction",),

@@ -11,11 +11,11 @@ from elastid.base.errors import check_kind, index_of
 from elastid.fit.result import FitResult
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
-from elastid.report.figures import bode as bode_figure
+from elastid.report.content import parameter_rows
+from elastid.report.figures import responses
+from elastid.report.figures.fit import forest
 from elastid.report.figures.friction_curve import friction_curve as curve_figure
-from elastid.report.figures.parameters import forest
 from elastid.report.figures.style import own_style
-from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse, in_quantity
 
 __all__ = ["bode", "friction_curve", "parameters"]
@@ -36,7 +36,7 @@ def bode(
     """
     check_kind(measured, FrequencyResponse, "measured", "read_responses gives one for each configuration")
     if model is None:
-        return bode_figure.bode(measured, None, None)
+        return responses.bode(measured, None, None)
     check_kind(model, FittedModel | FrequencyResponse, "model", "result.model(configuration) makes one")
     modelled, std = (model, None) if isinstance(model, FrequencyResponse) else _on_dense_lines(model, measured, band)
     if (modelled.inputs, modelled.outputs) != (measured.inputs, measured.outputs):
@@ -50,7 +50,7 @@ def bode(
             f"the model is of configuration {other.name}, the measured response of {one.name}, at other angles; take "
             f"result.model('{one.name}')"
         )
-    return bode_figure.bode(measured, in_quantity(modelled, measured.quantity), std)
+    return responses.bode(measured, in_quantity(modelled, measured.quantity), std)
 
 
 @own_style()

@@ -100,7 +100,7 @@ def _run(study: Path, options: dict[str, Any]) -> Run:
     """The study loaded, with its folder and its ways of working."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
-    from elastid.base.cluster import on_dask
+    from elastid.base.execution import on_dask
     from elastid.study import load
 
     click.get_current_context().with_resource(on_dask(options.get("dask", "")))
@@ -242,7 +242,7 @@ def fleet(fleet: Path, **options: Any) -> None:
     from elastid.app.console import Console
     from elastid.app.fleet import run_fleet
     from elastid.app.run import all_cores
-    from elastid.base.cluster import on_dask
+    from elastid.base.execution import on_dask
     from elastid.study.fleet import load_fleet
 
     loaded = load_fleet(fleet)

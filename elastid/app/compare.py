@@ -15,10 +15,10 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from elastid.app.run import Run, carry_out
+from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import in_order, resumed
 from elastid.base.files import clear_folder, own_path
-from elastid.base.numbers import number
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.numbers import digits, number
+from elastid.base.display import digits, number
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.parameters import Parameter
-from elastid.report.friction_rows import friction_rows
+from elastid.report.friction_content import friction_rows
 from elastid.robot import Robot
 from elastid.study import Study
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from elastid.excitation.lines import planned_lines
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.setup.parameter_choice import choose

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid import __version__
-from elastid.app.stage import Stage, Value
-from elastid.app.stage_table import stages_of_study
+from elastid.app.stage_table import Stage, Value, stages_of_study
 from elastid.app.work import StudyFiles, file_hash
 from elastid.base import kernels
 from elastid.store import Stamp, changed_texts

@@ -16,8 +16,16 @@ from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.provenance import extra_file, handed_values, software, stamps, with_extras
-from elastid.app.stage import Source, Stage
-from elastid.app.stage_table import FRICTION, SIMULATED, function_of, module_of, stages_of, stages_of_study
+from elastid.app.stage_table import (
+    FRICTION,
+    SIMULATED,
+    Source,
+    Stage,
+    function_of,
+    module_of,
+    stages_of,
+    stages_of_study,
+)
 from elastid.app.work import Work
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path

@@ -19,16 +19,14 @@ from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.linear.modes import modes, shapes_of_all
-from elastid.linear.propagation import uncertain_modes
-from elastid.linear.strain_energy import strain_energy
+from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.stick_figure import stick_figure
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.modes.mode_drawing import mode_drawing
-from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
-from elastid.report.parameter_rows import parameter_rows
+from elastid.report.content import parameter_rows
+from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.store import text_file
 from elastid.store.json_values import SCHEMA, json_value
 from elastid.study import Study

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from elastid.base.numbers import digits, interval_of, number
-from elastid.report.parameter_rows import ParameterRow
+from elastid.base.display import digits, interval_of, number
+from elastid.report.content import ParameterRow
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast

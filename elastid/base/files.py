@@ -1,17 +1,16 @@
-"""Files and folders below a run folder, none of which is reached through a symbolic link.
-
-A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its
-user outside of it. The run folder itself may be a link: its user has named it.
-"""
+"""Files of a run folder, none reached through a link, and HDF5 files that contain all of their data."""
 
 from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
 from errno import ELOOP
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from elastid.base.errors import ElastidError
+from elastid.base.errors import DataError, ElastidError
 
 
 def own_path(run_folder: Path, *names: str) -> Path:
@@ -60,3 +59,70 @@ def _refusal(path: Path) -> ElastidError:
         f"{path}: is a link, and nothing is written through links in a run folder; remove it, or give another folder "
         "with --run"
     )
+
+
+MAX_DEPTH = 32
+MAX_MEMBERS = 100_000
+# Compression makes data at most some 1000 times smaller; small datasets may be anything.
+MAX_EXPANSION, SMALL_BYTES = 2000, 1 << 28
+
+
+def require_own_data(file: Any) -> None:
+    """Refuse an open HDF5 file that names data elsewhere, contains itself, or claims more data than it can hold.
+
+    file: h5py.File.  Raises DataError with the place inside the file.
+    """
+    root = file["/"].id
+    members = _members(file.filename, root, "", (_address(root),))
+    if next(islice(members, MAX_MEMBERS, None), None) is not None:
+        raise DataError(f"{file.filename}: more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals")
+
+
+def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
+    """The place of each member below a group, once it was looked at; above: the groups that it lies in.
+
+    group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
+    """
+    from h5py import h5d, h5g, h5l, h5o
+
+    for key in group:
+        name = f"{place}/{key.decode(errors='replace')}"
+        if group.links.get_info(key).type == h5l.TYPE_EXTERNAL:
+            raise DataError(
+                f"{path}: {name} is a link into another file ({group.links.get_val(key)[0].decode(errors='replace')}), "
+                "which is not opened; copy what it points to into one file"
+            )
+        try:
+            item = h5o.open(group, key)
+        except KeyError:  # a link inside the file that leads nowhere
+            item = None
+        if isinstance(item, h5d.DatasetID):
+            _require_own_values(path, name, item)
+        elif isinstance(item, h5g.GroupID):
+            if _address(item) in above or len(above) > MAX_DEPTH:
+                raise DataError(f"{path}: the group {name} contains itself, or lies too deep; export the file again")
+            yield from _members(path, item, name, (*above, _address(item)))
+        yield name
+
+
+def _require_own_values(path: str, name: str, dataset: Any) -> None:
+    from h5py import h5d
+
+    layout = dataset.get_create_plist()
+    if layout.get_external_count() > 0 or layout.get_layout() == h5d.VIRTUAL:
+        raise DataError(
+            f"{path}: the values of {name} lie in another file, which is not opened; save them in the file itself"
+        )
+    claimed = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
+    stored = dataset.get_storage_size()
+    if claimed > max(SMALL_BYTES, MAX_EXPANSION * stored):
+        raise DataError(
+            f"{path}: {name} claims {claimed / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again"
+        )
+
+
+def _address(group: Any) -> int:
+    """Where a group lies in its file: the same whatever link leads to it."""
+    import h5py
+
+    return int(h5py.h5o.get_info(group).addr)

@@ -1,24 +1,145 @@
-"""One axis of a friction study: what its passes may do, and refusals of what it cannot, by name and with numbers."""
+"""One axis of a friction study: feasible passes, the law expected beforehand, and D-optimal speeds of its passes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
-from elastid.design.friction_guess import FrictionGuess, guess_friction
-from elastid.experiment.plan.passes import RAMP_PEAK, PassLimits, fastest_speed
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
+from elastid.design.optimal import DesignCriterion, relaxed_design, whole
+from elastid.experiment.plan.friction import RAMP_PEAK, PassLimits, fastest_speed
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.friction.robot_friction import frictions
+from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import PassesSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.simulation.controller import feed_forward, tune
+
+# Speeds that may be chosen, spaced logarithmically.
+CANDIDATES = 200
+LINEAR, SEARCHED = ("coulomb", "excess", "viscous"), ("stribeck_velocity", "exponent")
+
+
+@dataclass(frozen=True)
+class StribeckGuess:
+    """A law as it may be: F_c, F_s, viscous friction, nu_s and the exponent, SI of one side."""
+
+    coulomb: float
+    stiction: float
+    viscous: float
+    stribeck_velocity: float
+    exponent: float = 2.0
+
+
+@dataclass(frozen=True)
+class PassSpeeds:
+    """speed (n,), lowest first, with the number of passes there and back at each, passes (n,).
+
+    excess: max Tr(M^-1 H_i) / d - 1 of the shares before they were rounded: 0 at the optimum.  efficiency: of the whole
+    passes against the best shares, (det M / det M*)^(1 / d).
+    """
+
+    speed: FloatArray
+    passes: IntArray
+    excess: float
+    efficiency: float
+
+
+def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: float, count: int) -> PassSpeeds:
+    """`count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses.
+
+    Every level is known to the same torque.  Raises DataError for a range without room, or fewer passes than numbers.
+    """
+    d = len(LINEAR) + len(SEARCHED)
+    if not 0 < lowest < highest / 4:
+        raise DataError(
+            f"passes from {lowest:.3g} to {highest:.3g} rad/s: a friction curve takes a range of four and more; lower "
+            "the lowest speed, or raise the highest"
+        )
+    if count < d:
+        raise DataError(f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
+    speeds = np.geomspace(lowest, highest, CANDIDATES)
+    H = np.stack([_information(guess, speeds) for guess in guesses])
+    criterion = DesignCriterion("D", np.eye(d))
+    relaxed = relaxed_design(H, criterion)
+    numbers = whole(H, relaxed.weights, count, criterion)
+    reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))
+    chosen = numbers > 0
+    return PassSpeeds(speeds[chosen], numbers[chosen], relaxed.excess, float(np.exp(float(reached) - relaxed.value)))
+
+
+def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
+    """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    zeros = np.zeros_like(speeds)
+    at = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
+    linear = {"coulomb": guess.coulomb, "excess": guess.stiction - guess.coulomb, "viscous": guess.viscous}
+    eta = {"stribeck_velocity": guess.stribeck_velocity, "exponent": guess.exponent}
+    J = np.hstack([columns(at, LINEAR, eta, 0.0), slopes(at, linear, SEARCHED, eta, 0.0)])
+    J = J * np.array([*linear.values(), *eta.values()]) / guess.coulomb
+    return np.asarray(J[:, :, None] * J[:, None, :])
+
+
+# Where the file has no friction: parts of the largest torque and of the highest speed (LiTH-ISY-R-2948 has F_c of 3 %
+# of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is three times F_c).
+COULOMB_SHARE, VELOCITY_SHARE, STICTION_RATIO, VISCOUS_RATIO = 0.03, 0.05, 1.6, 2.0
+# Stribeck velocities that a design serves, over the guessed one: it is the number that is known least.
+VELOCITY_SPREAD = (0.4, 1.0, 2.5)
+# Of a joint without limits: torque over its inertia times 1 rad/s^2, and speed.
+FREE_TORQUE_RATE, FREE_SPEED = 10.0, 2.0
+
+
+@dataclass(frozen=True)
+class FrictionGuess:
+    """law: link side.  is_from_file: whether the robot's file has it, or the defaults."""
+
+    law: StribeckGuess
+    is_from_file: bool
+
+    @property
+    def spread(self) -> tuple[StribeckGuess, ...]:
+        """The laws that a design must serve."""
+        nu_s = self.law.stribeck_velocity
+        return tuple(replace(self.law, stribeck_velocity=factor * nu_s) for factor in VELOCITY_SPREAD)
+
+    def torque(self, speed: float) -> float:
+        """F(v), Nm: what braking takes at a speed."""
+        law = self.law
+        fall = math.exp(-float((speed / law.stribeck_velocity) ** law.exponent))
+        return law.coulomb + (law.stiction - law.coulomb) * fall + law.viscous * speed
+
+    def slope(self, speed: float) -> float:
+        """dF / dv, Nms/rad: negative where friction falls with speed."""
+        law = self.law
+        x = float((speed / law.stribeck_velocity) ** law.exponent)
+        return law.viscous - (law.stiction - law.coulomb) * law.exponent * x * math.exp(-x) / speed
+
+
+def guess_friction(robot: Robot, joint: Joint, inertia: float) -> FrictionGuess:
+    """The friction of a driven joint as far as the file tells it.
+
+    inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
+    Stribeck velocity that the file does not have are those of common gears.
+    """
+    speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else FREE_SPEED
+    torque = joint.limits.torque if math.isfinite(joint.limits.torque) else FREE_TORQUE_RATE * inertia
+    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.viscous * joint.motor.ratio**2)
+    placed = [one for one in frictions(robot) if one.place in (f"motor {joint.name}", f"joint {joint.name}")]
+    curves = [one.curve().tolist() for one in placed]
+    coulomb = sum(curve[0] for curve in curves) or COULOMB_SHARE * torque
+    excess = sum(curve[1] - curve[0] for curve in curves) or (STICTION_RATIO - 1) * coulomb
+    nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), VELOCITY_SHARE * speed)
+    exponent = next((one.spec.exponent for one in placed if one.spec.stribeck_velocity is not None), 2.0)
+    viscous = viscous or VISCOUS_RATIO * coulomb / speed
+    return FrictionGuess(StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent), bool(placed))
+
 
 # Of the joint's limits, about their middle, unless a window is given; without limits, so far to either side.
 WINDOW_SHARE, FREE_REACH = 0.5, {False: 1.0, True: 0.25}

@@ -22,8 +22,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.design.packed import pack, unpack
-from elastid.design.smallest_eigenvalue import bounded_shares
+from elastid.design.smallest_eigenvalue import bounded_shares, pack, unpack
 
 Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]

@@ -17,7 +17,7 @@ from elastid.design.spec import DesignSpec, LevelSpec, interest
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
-from elastid.experiment.simulated.closed_loop import closed_loop_of
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.setup.parameter_choice import choose

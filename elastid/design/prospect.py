@@ -20,11 +20,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.design.expected_response import ExpectedResponse
-from elastid.design.friction_effects import friction_level
+from elastid.design.expected_response import ExpectedResponse, friction_level
 from elastid.design.optimal_powers import PowerSource
 from elastid.excitation.grids import line_frequencies
-from elastid.experiment.simulated.sensors import logged_quantity, output_stds
+from elastid.experiment.simulated.hardware import logged_quantity, output_stds
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.spec import FitSpec

@@ -1,20 +1,4 @@
-r"""Shares that make the smallest eigenvalue of the information largest, with a bound: a semidefinite program.
-
-.. math:: \max_{\lambda, t}\ \frac{1}{S} \sum_s \ln t_s - \sum_i \lambda_i, \qquad
-          Z_s = \sum_i \lambda_i H_{si} - t_s K K^T \succeq 0, \quad \lambda_i \ge 0
-
-S guesses, K the parameters of interest: 1 / t_s is the largest eigenvalue of K^T M_s^-1 K. For the worst guess all have
-one t. However many the candidates, the dual has few unknowns, one matrix W_s for each guess:
-
-.. math:: \min_W\ -\frac{1}{S} \sum_s \ln(S\,\mathrm{Tr}\,W_s K K^T), \qquad
-          s_i = 1 - \sum_s \mathrm{Tr}\,W_s H_{si} \ge 0, \quad W_s \succeq 0
-
-(for the worst guess -ln sum_s Tr(W_s K K^T)), and every W that is allowed bounds all designs. Both are solved together:
-lambda_i s_i = mu, W_s Z_s = mu I and t_s Tr(W_s K K^T) = 1 / S with mu -> 0, by Newton's method with a prediction and a
-correction of second order. (Helmberg, Rendl, Vanderbei and Wolkowicz, SIAM J. Optimization 6 (1996) 342, for the
-direction, Mehrotra, SIAM J. Optimization 2 (1992) 575, for the correction; Pukelsheim, Optimal Design of Experiments,
-chapter 7, for the dual.)
-"""
+"""Shares that make the smallest eigenvalue of the information largest, with a bound: a semidefinite program."""
 
 from __future__ import annotations
 
@@ -24,7 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.design.packed import pack, unpack
+
+
+def pack(matrices: FloatArray) -> FloatArray:
+    """Symmetric (..., d, d) as (..., d (d + 1) / 2), so that Tr(A B) is a dot product."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2)))
+
+
+def unpack(vectors: FloatArray) -> FloatArray:
+    """Symmetric (..., d, d) of vectors (..., d (d + 1) / 2)."""
+    d = round((np.sqrt(8 * vectors.shape[-1] + 1) - 1) / 2)
+    rows, columns = np.tril_indices(d)
+    matrices = np.empty((*vectors.shape[:-1], d, d))
+    matrices[..., rows, columns] = vectors / np.where(rows == columns, 1.0, np.sqrt(2))
+    matrices[..., columns, rows] = matrices[..., rows, columns]
+    return matrices
+
 
 MAX_STEPS = 60
 # Part of the way to the edge of what is allowed that a step may go, and the least part of mu that it aims at.

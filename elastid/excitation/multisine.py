@@ -1,7 +1,4 @@
-r"""Multisines: relative amplitudes of their lines, sets of n_u experiments with phases, and signals over time.
-
-.. math:: u(t) = \mathrm{Re} \sum_k U_k\, e^{2\pi j k t / T}, \qquad \sum_k |U_{k}|^2 / 2 = u_{rms}^2
-"""
+"""Multisines: relative amplitudes of their lines, sets of n_u experiments with phases, signals over time."""
 
 from __future__ import annotations
 
@@ -10,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.excitation.chirp import sweep_spectrum
 from elastid.excitation.crest import Signals, minimise_peaks
+from elastid.excitation.grids import grid_lines
 from elastid.excitation.phases import (
     Orthogonal,
     newman,
@@ -20,7 +19,6 @@ from elastid.excitation.phases import (
     with_phases,
 )
 from elastid.excitation.spec import Phases
-from elastid.excitation.sweeps import sweep_spectrum
 
 
 def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple[float, float]]) -> FloatArray:
@@ -93,3 +91,23 @@ def synthesise(lines: IntArray, U: ComplexArray, n_samples: int) -> FloatArray:
     spectrum = np.zeros((n_samples // 2 + 1, U.shape[1]), dtype=np.complex128)
     spectrum[lines] = U
     return np.fft.irfft(spectrum * (n_samples / 2), n=n_samples, axis=0).astype(np.float64)
+
+
+def growing_loops(smallest: float, largest: float, count: int, frequency_hz: float, rate_hz: float) -> FloatArray:
+    """One cycle of a sine for each of `count` amplitudes, spaced logarithmically, the smallest first (n,).
+
+    >>> np.abs(growing_loops(1.0, 4.0, 3, 1.0, 8.0)).reshape(3, 8).max(axis=1).round(6).tolist()
+    [1.0, 2.0, 4.0]
+    """
+    samples = round(rate_hz / frequency_hz)
+    cycle = np.sin(2 * np.pi * np.arange(samples) / samples)
+    return np.outer(np.geomspace(smallest, largest, count), cycle).ravel()
+
+
+def small_multisine(
+    peak: float, band_hz: tuple[float, float], period_samples: int, rate_hz: float, rng: np.random.Generator
+) -> FloatArray:
+    """One period (n,) of an odd random-phase multisine of equal lines whose largest value is `peak`."""
+    lines = grid_lines("odd", band_hz, rate_hz, period_samples)
+    signal = synthesise(lines, np.exp(1j * random_phases((len(lines), 1), rng)), period_samples)[:, 0]
+    return np.asarray(peak / np.abs(signal).max() * signal)

@@ -1,12 +1,14 @@
-"""The `excitation` section of a study."""
+"""The `excitation` section of a study, and the lines that it plans."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
+import numpy as np
+
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointTorque, Time
-from elastid.excitation.grids import Grid
+from elastid.excitation.grids import Grid, Lines, chosen_lines, grid_lines, with_detection
 from elastid.excitation.phases import Orthogonal
 
 # Of a period: a day at 1 kHz.
@@ -166,3 +168,15 @@ class MultisineSpec:
             f"{self.phases} gives the same signal in each of {realisations} realisations, which does not show "
             "nonlinear distortion; set experiment.realisations: 1, or phases: random or optimised"
         )
+
+
+def planned_lines(excitation: MultisineSpec, seed: int) -> Lines:
+    """The lines of a study, those left free for detection drawn from its seed; StudyError where the band holds none."""
+    N = excitation.period_samples
+    if excitation.grid == "lines":
+        chosen = chosen_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)
+        return Lines(chosen, np.zeros(0, np.int64))
+    lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, N, excitation.ratio)
+    if excitation.grid != "odd-random":
+        return Lines(lines, np.zeros(0, np.int64))
+    return with_detection(lines, excitation.group, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,))))

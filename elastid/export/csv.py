@@ -1,7 +1,4 @@
-"""Export to CSV: parameters, modes, and a frequency response for each configuration, fitted and measured.
-
-The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
-"""
+"""Export to CSV: parameters, modes, peaks of measured responses, and a frequency response for each configuration."""
 
 from __future__ import annotations
 
@@ -16,13 +13,37 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import csv_cell, file_name
 from elastid.export.intervals import known_numbers
-from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.frf.peaks import peaks
+from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store import text_file
+
+_COLUMNS = (
+    "configuration",
+    "frequency",
+    "frequency_std",
+    "damping_ratio",
+    "damping_ratio_std",
+    "output",
+    "input",
+    "lines",
+    "misfit",
+)
+
+
+def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Path:
+    """One row for each peak of each response; frequencies in Hz, or in units of an unknown sampling rate."""
+    with text_file(path) as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(_COLUMNS)
+        for response, found in zip(responses, peaks, strict=True):
+            for peak in found:
+                numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
+                place = (peak.output, peak.input, peak.lines, peak.misfit)
+                table.writerow(map(csv_cell, (response.configuration.name, *numbers, *place)))
+    return path
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

@@ -21,8 +21,18 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.export.intervals import known_numbers
-from elastid.export.mujoco_loops import Elements, RodPose, add_loops, add_rod_springs, rod_poses, rod_positions
-from elastid.export.mujoco_numbers import MIN_INERTIA, number, numbers, quaternion
+from elastid.export.mujoco_loops import (
+    MIN_INERTIA,
+    Elements,
+    RodPose,
+    add_loops,
+    add_rod_springs,
+    number,
+    numbers,
+    quaternion,
+    rod_poses,
+    rod_positions,
+)
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis

@@ -1,26 +1,45 @@
-r"""The loops of a linkage in MJCF: rods as bodies on ball joints, closed by equality constraints between sites.
-
-A rod that stretches evenly has its mass in two points, one at its first end and one at the part f of its length, which
-moves with the part f of its elongation s:
-
-.. math:: f = a + \frac{I}{m a L^2}, \qquad m_f = m a / f, \qquad m_0 = m - m_f
-
-so that mass, centre, inertia across it and all terms of s in T are those of the rod itself,
-:math:`T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 (I / L^2) |\dot p_2 - \dot p_1|^2`.
-"""
+"""The loops of a linkage in MJCF: rods as bodies on ball joints, closed by equality constraints between sites."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.export.mujoco_numbers import number, numbers, quaternion
 from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Loop, Placement, Robot, Rod, unit_axis
+
+# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
+MIN_INERTIA = 1e-12
+
+
+def quaternion(R: FloatArray) -> FloatArray:
+    """(w, x, y, z) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, with w >= 0."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    K = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ]
+    )
+    q = np.linalg.eigh(K)[1][:, -1]
+    return q if q[0] >= 0 else -q
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Separated by blanks, in full."""
+    return " ".join(number(float(value)) for value in values)
+
+
+def number(value: float) -> str:
+    """In full."""
+    return repr(float(value))
+
 
 # Bodies that may be given an element for a joint: the element, and the body's axes in it.
 Elements = Mapping[str, tuple[ET.Element, Placement]]

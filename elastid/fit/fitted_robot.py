@@ -12,9 +12,9 @@ from elastid.base.errors import index_of
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
 from elastid.fit.setup.groups import group_labels
+from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.propagation import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.response.transfer import to_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel

@@ -1,12 +1,4 @@
-"""Periods of a record that can be trusted: transients at its start and single bad periods are left out with a note.
-
-Each channel of each period has a distance from the other periods, relative to the size of its spectrum,
-
-    D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
-
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient that is
-negligible against the total standard deviation stays (negligible_transient).
-"""
+"""Periods of a record that can be used: transients and single bad periods are left out where they matter."""
 
 from __future__ import annotations
 
@@ -16,12 +8,48 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.frf.negligible_transient import TotalError, is_negligible
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
+
+# RMS of the transient's error over the total standard deviation, at most, in each of so many groups of lines.
+_MAX_RELATIVE_ERROR = 0.2
+_MAX_GROUPS = 20
+_MIN_LINES_IN_GROUP = 5
+
+
+@dataclass(frozen=True)
+class TotalError:
+    """G (F, n_y, n_u) and the variance (F, n_y) of the outputs' total error in the mean of all realisations.
+
+    lines (F_e,): which of the excited lines these F are.
+    """
+
+    G: ComplexArray
+    variance: FloatArray
+    lines: BoolArray
+
+    def at_every(self, step: int) -> TotalError:
+        """The same at every step-th of the excited lines."""
+        taken = np.zeros(len(self.lines), dtype=np.bool_)
+        taken[::step] = True
+        of_G = taken[self.lines]
+        return TotalError(self.G[of_G], self.variance[of_G], self.lines[::step])
+
+
+def is_negligible(spectra: PeriodSpectra, leading: int, total: TotalError) -> bool:
+    """Whether the first `leading` periods of a record change G by far less than it scatters anyway."""
+    spectra = spectra.on(total.lines)
+    dY, dU = (X[:leading].mean(axis=0) - X[leading:].mean(axis=0) for X in (spectra.Y, spectra.U))
+    dV = leading / len(spectra.periods) * (dY - np.einsum("fyu,fu->fy", total.G, dU))
+    groups = min(_MAX_GROUPS, max(1, len(dV) // _MIN_LINES_IN_GROUP))
+    error, variance = (
+        np.array([part.sum(axis=0) for part in np.array_split(x, groups)]) for x in (np.abs(dV) ** 2, total.variance)
+    )
+    return bool(np.all(error <= _MAX_RELATIVE_ERROR**2 * variance))
+
 
 TRANSIENT_LEFT_OUT = "transient-left-out"
 # An outlier cannot be identified among fewer periods.

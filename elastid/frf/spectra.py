@@ -14,9 +14,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import MIN_LARGE_VALUES, PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, release
 from elastid.base.errors import DataError
-from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, release
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record

@@ -1,19 +1,14 @@
-r"""Static friction: a torque that depends on the sliding velocity alone.
-
-.. math:: \tau_f = F_c \tanh(v / v_s)
-
-Coulomb's F_c sgn(v), smoothed over v_s: eq. (2.15) of Niglis & Oberg (2015) as v_s -> 0. The sign is that of the
-velocity, and the torque stands on the side of M q'' + f + tau_f = B u: friction brakes. Viscous friction is not here;
-it is linear and part of the model's force f. Tustin's law, eq. (2.17), has the Stribeck curve g(v) in the place of F_c
-and may grow with v |v|.
-"""
+"""Static friction laws over velocity, load and temperature, and the terms that they are sums of."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.friction.law import Curve, Expression
 
 # v_s in rad/s on the link side. Well below the speed at which a multisine moves a joint (0.01 to 1 rad/s), so that the
@@ -48,3 +43,107 @@ class Tustin:
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """The slope of tanh."""
         return 0.0, F_s / self.v_s
+
+
+LINEAR = (
+    "coulomb",
+    "excess",
+    "viscous",
+    "quadratic",
+    "load.coulomb",
+    "load.excess",
+    "temperature.stiction",
+    "temperature.viscous",
+    "directions.coulomb",
+    "directions.viscous",
+)
+NONLINEAR = (
+    "stribeck_velocity",
+    "temperature.stribeck_velocity",
+    "exponent",
+    "load.stribeck_velocity",
+    "temperature.decay",
+)
+
+
+@frozen_value
+class Conditions:
+    """n conditions of steady sliding, each an array (n,).
+
+    speed: positive.  direction: 1, -1, or 0 for the mean of both.  load: 0 or more.  temperature: degC, NaN where it is
+    not known.
+    """
+
+    speed: FloatArray
+    direction: FloatArray
+    load: FloatArray
+    temperature: FloatArray
+
+
+def columns(at: Conditions, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
+    """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
+    each = _columns(at, eta, T_0)
+    return np.stack([each[name] for name in names], axis=1)
+
+
+def slopes(
+    at: Conditions, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
+) -> FloatArray:
+    """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta."""
+    v, L, theta = at.speed, at.load, _theta(at, T_0)
+    load_excess = linear.get("load.excess", 0.0) * L
+    found: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
+    if "stribeck_velocity" in eta:
+        falling = linear.get("excess", 0.0) + linear.get("temperature.stiction", 0.0) * theta
+        if "load.stribeck_velocity" in eta:
+            by_nu_l, by_a = _fall(v, np.full_like(v, eta["load.stribeck_velocity"]), eta["exponent"])
+            found |= {"load.stribeck_velocity": load_excess * by_nu_l, "exponent": load_excess * by_a}
+        else:
+            falling = falling + load_excess
+        by_nu, by_a = _fall(v, _nu(eta, theta), eta["exponent"])
+        found["stribeck_velocity"] = falling * by_nu
+        found["temperature.stribeck_velocity"] = falling * by_nu * theta
+        found["exponent"] = found["exponent"] + falling * by_a
+    if "temperature.decay" in eta:
+        T_V = eta["temperature.decay"]
+        found["temperature.decay"] = linear.get("temperature.viscous", 0.0) * v * np.exp(-theta / T_V) * theta / T_V**2
+    return np.stack([found[name] for name in names], axis=1) if names else np.zeros((len(v), 0))
+
+
+def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArray]:
+    """The derivatives of exp(-(v / nu)^a) by nu and by a."""
+    power = (v / nu) ** a
+    e = np.exp(-power)
+    return e * power * a / nu, -e * power * np.log(v / nu)
+
+
+def _columns(at: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
+    v, s, L, theta = at.speed, at.direction, at.load, _theta(at, T_0)
+    one = np.ones_like(v)
+    found = {
+        "coulomb": one,
+        "viscous": v,
+        "quadratic": v**2,
+        "load.coulomb": L,
+        "directions.coulomb": s,
+        "directions.viscous": s * v,
+    }
+    if "stribeck_velocity" in eta:
+        e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
+        found |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
+    if "load.stribeck_velocity" in eta:
+        found["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
+    if "temperature.decay" in eta:
+        found["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
+    return found
+
+
+def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:
+    """The Stribeck velocity (n,) at every temperature; far beyond the data it is kept from vanishing."""
+    nu_s = eta.get("stribeck_velocity", np.inf)
+    return np.maximum(nu_s + eta.get("temperature.stribeck_velocity", 0.0) * theta, 1e-3 * nu_s)
+
+
+def _theta(at: Conditions, T_0: float) -> FloatArray:
+    """T - T_0 (n,), 0 where no temperature is known."""
+    return np.nan_to_num(at.temperature - T_0, nan=0.0)

@@ -33,9 +33,8 @@ from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.record import Configuration, Record
+from elastid.record import Configuration, FrictionRecord, Record
 from elastid.simulation.elastic_joint import ElasticJoint
 
 # What the expansion leaves of a response, as a part of it: keeps a line without noise from outweighing all others.

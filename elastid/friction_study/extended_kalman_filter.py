@@ -34,7 +34,7 @@ from elastid.base.errors import DataError
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.law import Curve
-from elastid.friction_study.filter_spec import Followed
+from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
-from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
@@ -38,10 +37,10 @@ from elastid.friction_study.result import (
 )
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_of
+from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
-from elastid.simulation.elastic_joint import ElasticJoint
-from elastid.simulation.held_joint import held_joint
+from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
 # Numbers of a joint that the sentence on it has.
 SAID = 4

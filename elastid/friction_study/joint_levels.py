@@ -24,7 +24,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
@@ -34,7 +33,7 @@ from elastid.friction_study.plateaus import SAME_SPEED, detect_passes, lone_plat
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.record import Configuration
+from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
 
 

@@ -15,11 +15,11 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_tail
-from elastid.friction.static_terms import Conditions
-from elastid.friction_record import FrictionRecord
+from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
+from elastid.record import FrictionRecord
 
 # Columns (n,) of levels.
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")

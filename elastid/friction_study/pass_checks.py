@@ -23,9 +23,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.base.statistics import f_test
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.passes import Pass
+from elastid.record import FrictionRecord
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.friction_record import FrictionRecord
+from elastid.record import FrictionRecord
 
 # Harmonics of one motor turn: always in the regression where passes cover a turn, and looked for in its residuals.
 RIPPLE_HARMONICS, MAX_HARMONIC = 2, 24

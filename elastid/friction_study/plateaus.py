@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.friction_record import FrictionRecord
+from elastid.record import FrictionRecord
 
 # A velocity is steady where it changes by less than this share of itself in the shortest plateau.
 STEADY_SHARE = 0.05

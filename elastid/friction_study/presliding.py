@@ -25,7 +25,7 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import minimise
-from elastid.robot.presliding import MaxwellSlip
+from elastid.robot.friction import MaxwellSlip
 
 # Thresholds of the spectrum.
 SPECTRUM_ELEMENTS = 40

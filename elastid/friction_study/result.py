@@ -15,12 +15,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import Display, as_html, as_text
+from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
 from elastid.base.errors import index_of
 from elastid.base.note import Note
-from elastid.base.numbers import digits, interval_of, number
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
@@ -28,6 +26,7 @@ from elastid.friction_study.lugre_shooting import LuGreFit
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
+from elastid.record import FrictionRecord
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 

@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_tail
-from elastid.friction.static_terms import Conditions, columns, slopes
+from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, minimise
 from elastid.friction_study.levels import Levels
 from elastid.robot.friction import EXPONENT_RANGE

@@ -23,12 +23,12 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
-from elastid.friction.static_terms import Conditions
-from elastid.friction_record import FrictionRecord, WarmUpLog
+from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
 from elastid.friction_study.passes import Pass, passes_of
 from elastid.friction_study.plateaus import alike_speeds
+from elastid.record import FrictionRecord, WarmUpLog
 
 # Level(speed (m,), temperature (m,)) of a law, Nm.
 LevelOf = Callable[[FloatArray, FloatArray], FloatArray]

@@ -34,7 +34,7 @@ from elastid.linear.measurement_chain import elements
 from elastid.linear.operating_point_slopes import PointDerivatives, differentiate_point, total
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.parallel_linkage.null_space import motions
+from elastid.model.parallel_linkage.loop_closure import motions
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.robot import Robot

@@ -1,8 +1,4 @@
-r"""Natural frequencies, damping, mode shapes and antiresonances of a LinearModel.
-
-.. math:: (\lambda^2 M + \lambda D + K)\, \phi = 0, \qquad f = |\lambda| / 2\pi, \quad
-          \zeta = -\mathrm{Re}\,\lambda / |\lambda|
-"""
+"""Natural frequencies, damping, mode shapes, antiresonances and strain energies of a LinearModel."""
 
 from __future__ import annotations
 
@@ -12,7 +8,9 @@ import scipy.linalg
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import index_of
+from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
+from elastid.model.elastic import ElasticModel
 
 # |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
 MAX_RIGID_RATE = 1e-6
@@ -114,3 +112,27 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
     finite = np.abs(beta) > np.finfo(float).eps * np.abs(alpha)
     poles[finite] = rate * alpha[finite] / beta[finite]
     return poles, vectors[:n]
+
+
+@frozen_value
+class StrainEnergy:
+    """springs: names k_... of the parameters.  share (n_s, n_m) of each in each mode.  load (n_m,): w_g, the rest."""
+
+    springs: tuple[str, ...]
+    share: FloatArray
+    load: FloatArray
+
+
+def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:
+    """Of mode shapes (n_q, n_m) in all coordinates about an operating point; theta (n_theta,): model.parameters, SI.
+
+    Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
+    body is.
+    """
+    c, b = (part.full() for part in model.strain(point.q, theta))
+    K = model.stiffness(point.q, point.lambda_, theta).full()
+    energy = np.einsum("im,ij,jm->m", shapes.conj(), K, shapes).real
+    size = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(K), np.abs(shapes))
+    energy = np.where(np.abs(energy) > 1e-12 * size, energy, np.nan)
+    share = c * np.abs(b @ shapes) ** 2 / energy
+    return StrainEnergy(model.springs, share, 1.0 - share.sum(axis=0))

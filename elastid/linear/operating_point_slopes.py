@@ -26,7 +26,7 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import OperatingPoint, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.null_space import RANK_TOLERANCE, null_space
+from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, null_space
 
 # Gap of a loop beside the one that a parameter would open if no joint followed.
 MAX_OPENING = 1e-6

@@ -1,23 +1,4 @@
-r"""The drivetrain of a robot: motors, gears, springs, dampers and viscous friction as energies, all on the link side.
-
-.. math:: T_m = \tfrac12 \sum_i J_{m,i} (\eta\, \dot q_m)_i^2, \quad V_s = \tfrac12 \delta^T K_a \delta, \quad
-          R = \tfrac12 \Big( \dot\delta^T D_a \dot\delta + \sum f \dot q_a^2 + \sum_i f_{m,i} (\eta \dot q_m)_i^2 \Big)
-
-Niglis & Oberg (2015), eqs. (2.8a), (2.8b), with the deflections delta = q_m - q_a of elastic gears and delta = q_na of
-joints that are elastic but not driven. This is the only place where gear ratios are applied to the model.
-eta (n_u, n_u): turns of the motors per turn of the joints, not diagonal where gears couple axes; motor coordinates are
-q_m = eta^-1 q_m^m, motor torques u = eta^T tau_m^m, so that a frequency response of motors is G^a = eta^-1 G^m eta^-T.
-
-Spring s turns the joints by x_s k_s^-1 per torque x_s^T tau: compliances of springs in series, before, between and
-after the stages of the gears, add,
-
-.. math:: K_a^{-1} = \sum_s x_s k_s^{-1} x_s^T, \qquad D_a = K_a \Big( \sum_s x_s \frac{d_s}{k_s^2} x_s^T \Big) K_a
-
-the damping to first order in omega d / k, below which a gearbox stays. Where there are no more springs than joints,
-K_a = Z^T K Z with Z = X^-1, eta before the gears, 1 after them, exactly linear in each k, and D_a alike: eqs. (2.24),
-(2.26) to (2.30). Where there are fewer, since some of the coupled gears have no spring, the rigid directions are
-constraints, N^T delta = 0 with N^T X = 0, and K_a acts on the deflections that X spans.
-"""
+"""The drivetrain on the link side: motors, gears, springs and dampers as energies, inertial coupling of rotors."""
 
 from __future__ import annotations
 
@@ -28,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.robot import Robot
+from elastid.robot import BASE, Robot, unit_axis
 from elastid.robot.gears import Gearbox
 
 
@@ -142,3 +123,40 @@ def _direction(y: FloatArray) -> ca.DM:
     """y y^T (n_q, n_q), sparse, of a direction y (n_q,) that has few entries."""
     column = ca.sparsify(ca.DM(y))
     return column @ column.T
+
+
+@dataclass(frozen=True)
+class Rotors:
+    """M (n_q, n_q) and Coriolis and centrifugal forces c (n_q,) of all rotors that have a carrier."""
+
+    M: ca.SX
+    c: ca.SX
+
+
+def rotors(robot: Robot, theta: Mapping[str, ca.SX], q: ca.SX, v: ca.SX, angular_velocity: ca.SX) -> Rotors:
+    """Of coordinates q and rates v (n_q,); angular_velocity (3 n_bodies, n_q): J v of the bodies in their own axes."""
+    n_q, bodies = v.size1(), [body.name for body in robot.bodies]
+    rates, inertias = [], []
+    for joint, turning in zip(robot.driven, rotor_rates(robot), strict=True):
+        motor = joint.motor
+        if motor is None or motor.axis is None:
+            continue
+        Y = ca.SX(ca.sparsify(ca.DM(turning)).T)
+        if motor.on != BASE:
+            row = 3 * bodies.index(motor.on)
+            # A motor on a body turns with it about its axis.
+            Y += ca.sparsify(ca.DM(unit_axis(motor.axis))).T @ angular_velocity[row : row + 3, :]
+        rates.append(Y)
+        inertias.append(theta[f"Jm_{joint.name}"])
+    if not rates:
+        return Rotors(ca.SX(n_q, n_q), ca.SX(n_q, 1))
+    Y, J = ca.sparsify(ca.vertcat(*rates)), ca.vertcat(*inertias)
+    return Rotors(Y.T @ ca.diag(J) @ Y, _coriolis(Y, J, q, v))
+
+
+def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
+    """c (n_q,), by differentiating the scalar rates w = Y v along the motion and to q, the momenta p = J w held."""
+    w, p = Y @ v, ca.SX.sym("p", J.size1())
+    momentum = Y.T @ p
+    held = ca.jtimes(momentum, q, v) - ca.gradient(ca.dot(p, w), q)
+    return Y.T @ (J * ca.jtimes(w, q, v)) + ca.substitute(held, p, J * w)

@@ -1,4 +1,4 @@
-"""formulate(robot, spec): the equations of motion in the formulation that a study chooses."""
+"""formulate(robot, spec): the equations of motion in the formulation that a study chooses, serial ones among them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,20 @@ from collections.abc import Collection
 
 from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
+from elastid.model.open_chain import elastic_model, open_chain
 from elastid.model.parallel_linkage.constrained import constrained
 from elastid.model.parallel_linkage.minimal import minimal
-from elastid.model.serial import serial
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
+
+
+def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
+    """The ElasticModel of a tree of bodies: coordinates of all joints, then of the motors of flexible joints.
+
+    geometry: names of robot.geometry that are parameters, too.
+    """
+    return elastic_model(robot, open_chain(robot, geometry))
+
 
 # The formulation that suits the robot, without approximation.
 EXACT = ModelSpec()

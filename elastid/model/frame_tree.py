@@ -1,10 +1,4 @@
-"""The frames of a robot's joints as a tree, where bodies and points sit in it, and the turns of its joints, in CasADi.
-
-One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
-joint that slides moves its frame's origin along that axis and turns nothing. Origins are numbers, but for coordinates
-of the geometry that are symbols of theta. A turn about a coordinate axis costs six operations a vector instead of a
-3 x 3 product.
-"""
+"""The frames of a robot's joints as a tree, turns of its joints, and positions of points of its bodies, in CasADi."""
 
 from __future__ import annotations
 
@@ -170,3 +164,57 @@ def _turn(frame: BodyFrame, q: ca.SX) -> Turn:
     if frame.slides:
         return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
     return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(frame.p))
+
+
+def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
+    """Where a body sits in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
+    if body == BASE:
+        return Attachment(-1, np.eye(3), np.zeros(3))
+    for candidate, attachment in zip(robot.all_bodies, layout.attachments, strict=True):
+        if candidate.name == body:
+            return attachment
+    raise KeyError(
+        f"robot {robot.name} has no body {body}; there are {BASE}, {', '.join(b.name for b in robot.all_bodies)}"
+    )
+
+
+def position(
+    layout: Tree, turned: Sequence[Turn], at: Attachment, point: Point | Sequence[float], seen_from: int = -1
+) -> ca.SX:
+    """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
+
+    at: where the body sits.  turned: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
+    """
+    p = ca.SX(at.p) + ca.DM(at.R) @ ca.vertcat(point)
+    frame = at.frame
+    while frame != seen_from:
+        p = turned[frame].origin + ca.DM(layout.frames[frame].R) @ turned[frame].forth(p)
+        frame = layout.frames[frame].parent
+    return p
+
+
+def last_common(layout: Tree, first: int, second: int) -> int:
+    """The last frame that carries both frames, itself included; -1 where only the base does."""
+    below = set(_chain(layout, first))
+    return next((frame for frame in _chain(layout, second) if frame in below), -1)
+
+
+def between(
+    layout: Tree,
+    turned: Sequence[Turn],
+    first: tuple[Attachment, Point | Sequence[float]],
+    second: tuple[Attachment, Point | Sequence[float]],
+) -> ca.SX:
+    """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
+    frame = last_common(layout, first[0].frame, second[0].frame)
+    start, end = (position(layout, turned, at, point, frame) for at, point in (first, second))
+    return end - start
+
+
+def _chain(layout: Tree, frame: int) -> list[int]:
+    """The frame and all that carry it, the base left out."""
+    frames = []
+    while frame >= 0:
+        frames.append(frame)
+        frame = layout.frames[frame].parent
+    return frames

@@ -17,15 +17,20 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows
+from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows, rotors
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import tree, turns
-from elastid.model.gravity_compensators import compensators
-from elastid.model.motor_coupling import rotors
-from elastid.model.multibody import bias, composites, inertias, mass_matrix
-from elastid.model.nonlinear_springs import nonlinear_springs
-from elastid.model.spring_energy import Strain, strains_of_joints
-from elastid.model.velocities import angular_velocities, frame_velocities, gravity_in_frames, rates
+from elastid.model.rigid_body import (
+    angular_velocities,
+    bias,
+    composites,
+    frame_velocities,
+    gravity_in_frames,
+    inertias,
+    mass_matrix,
+    rates,
+)
+from elastid.model.springs import Strain, compensators, nonlinear_springs, strains_of_joints
 from elastid.robot import Robot
 
 

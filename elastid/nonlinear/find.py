@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
-from elastid.frf.checks.records import refuse_mismatch
+from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.nonlinear.choice import Choice, Kept, candidate_shapes, choose, refined, shares
 from elastid.nonlinear.levels import NormalEquations, covariance, find_levels, normal_equations

@@ -21,11 +21,9 @@ from elastid.experiment.specs.structure import Places
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.period import found_period, period_samples
-from elastid.recorded.repair.delay import MIN_CORRELATION, delay
-from elastid.recorded.repair.finding import Finding, Log
-from elastid.recorded.repair.gaps import bridged_gaps
-from elastid.recorded.repair.missing import filled
-from elastid.recorded.repair.sample_times import at_times, on_grid
+from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair.clock import MIN_CORRELATION, at_times, delay, on_grid
+from elastid.recorded.repair.missing import bridged_gaps, filled
 
 ALIGNED = "logs shifted"
 RATE_CHANGED = "channels brought to another rate"

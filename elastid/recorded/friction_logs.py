@@ -1,8 +1,4 @@
-"""Logs of a friction study as records: torque and position of each joint that moves, in SI and on the link side.
-
-Channels, units, sides, gears and the gaps of a clock are those of `channels`; single missing samples and spikes of the
-torque are repaired by the samples beside them.
-"""
+"""Logs of a friction study as records: torque, position and load of each moving joint, in SI, on the link side."""
 
 from __future__ import annotations
 
@@ -19,16 +15,26 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.record import Configuration
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.formulation import formulate
+from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.friction_load import load_torques
 from elastid.recorded.link_side import to_joints
-from elastid.recorded.repair.finding import Log
-from elastid.recorded.repair.gaps import bridged_gaps
-from elastid.recorded.repair.quantisation import step
+from elastid.recorded.repair import Log
+from elastid.recorded.repair.converter import step
+from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.repair.spikes import despiked_without_period
 from elastid.robot import Joint, Robot
+from elastid.robot.simplified import with_point_mass
+
+
+def load_torques(robot: Robot, posture: Configuration, payload: float) -> Mapping[str, float]:
+    """|torque| (Nm, N) that holds each driven joint at rest in the posture; payload: kg at the last frame."""
+    loaded = with_point_mass(robot, payload)
+    model = formulate(loaded)
+    held = equilibrium(model, np.asarray(model.theta), posture).u
+    return {joint.name: abs(float(torque)) for joint, torque in zip(loaded.driven, held, strict=True)}
+
 
 # Travel below which a joint is held by its controller, m and rad.
 HELD_TRAVEL = {True: 1e-3, False: 5e-3}

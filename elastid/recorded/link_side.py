@@ -1,12 +1,4 @@
-"""Channels of a log in SI and on the link side; missing samples stay missing.
-
-value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque, K and degF -> degC
-motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
-
-Where gears couple motors with several joints, each channel is converted by its own ratio first, then all together:
-
-    tau_a = E^T tau_m',   q_a = E^-1 q_m'        (E: robot.mixing)
-"""
+"""Channels of a log in SI and on the link side, with the hold of their torques; missing samples stay missing."""
 
 from __future__ import annotations
 
@@ -19,6 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.structure import Places
 
 UNWRAPPED = "unwrapped-angle"
@@ -131,3 +124,28 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:
         f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
         "the signal on the link side"
     )
+
+
+def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
+    """Of each u among the channels, in their order: samples at rate_hz for which it is held, 0 where band-limited.
+
+    A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
+    """
+    rates = (channel.rate_hz or recorded.rate_hz for channel in channels if channel.role == "u")
+    own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
+    kinds = [channel.hold or recorded.hold for channel in channels if channel.role == "u"]
+    return tuple(rate_hz / rate if kind == "zero-order" else 0.0 for kind, rate in zip(kinds, own, strict=True))
+
+
+def check_holds(recorded: RecordedSpec, robot: Places) -> None:
+    """StudyError where gears mix torques of different holds, so that the torque of a joint has neither."""
+    torques = [channel for channel in recorded.channels if channel.role == "u"]
+    held = hold_samples(recorded, torques, 1.0)
+    for row in to_joints(torques, robot):
+        mixed = [torques[i] for i in np.flatnonzero(row)]
+        if len({held[torques.index(channel)] for channel in mixed}) > 1:
+            names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
+            raise StudyError(
+                f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
+                "the torque of a joint has neither: log commands or measured torques for all of them, with one hold"
+            )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair.sample_times import at_times
+from elastid.recorded.repair.clock import at_times
 
 # Correlation of a repetition at least, and where several periods show that the rest is noise: that has less power then.
 MIN_CORRELATION = 0.95

@@ -16,13 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base import mapped
+from elastid.base import arrays
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.record import Record
 from elastid.recorded.link_side import UNWRAPPED
-from elastid.recorded.repair.clock import RESAMPLED
-from elastid.recorded.repair.delay import MIN_CORRELATION, delay
+from elastid.recorded.repair.clock import MIN_CORRELATION, RESAMPLED, delay
 from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED
 
 # A median over fewer periods tells no spike from a signal.
@@ -33,7 +32,7 @@ _MAX_LAG = 0.05
 
 def may_be_large(path: Path) -> bool:
     """Whether a look at its signals is worth while: a value takes a byte of the file at least, unless compressed."""
-    return path.stat().st_size >= mapped.MIN_LARGE_VALUES
+    return path.stat().st_size >= arrays.MIN_LARGE_VALUES
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
@@ -41,12 +40,12 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
     N: None without a period, where the last piece ends with the log.
     """
-    if n * n_channels < mapped.MIN_LARGE_VALUES:
+    if n * n_channels < arrays.MIN_LARGE_VALUES:
         return ()
     if N is None:
-        count = -(-n * n_channels // mapped.PIECE_VALUES)
+        count = -(-n * n_channels // arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
-    periods = max(_MIN_PERIODS, mapped.PIECE_VALUES // (N * n_channels))
+    periods = max(_MIN_PERIODS, arrays.PIECE_VALUES // (N * n_channels))
     count = n // N // periods
     bounds = [i * periods * N for i in range(count)] + [n // N * N]
     return tuple(pairwise(bounds)) if count > 1 else ()
@@ -67,19 +66,19 @@ def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
             whole, first = part, _mean_period(driver, part.period_samples) if part.is_periodic else first
             roles = {role: getattr(part, role) for role in ("u", "y", "r")}
             shapes = {role: (sum(sizes), x.shape[1]) for role, x in roles.items() if x is not None}
-            signals = {role: mapped.empty_in_file(shape) for role, shape in shapes.items()}
+            signals = {role: arrays.empty_in_file(shape) for role, shape in shapes.items()}
         if part.n_samples != size or not (_is_in_step(part, driver, first) if part.is_periodic else _follows(part)):
             return None
         for role, signal in signals.items():
             signal[done : done + size] = getattr(part, role)
-            mapped.release(signal)
+            arrays.release(signal)
         notes |= dict.fromkeys(part.notes)
         repairs.update(part.repairs)
         left_out += [done // part.repeat_samples + p for p in part.left_out]
         done += size
     if whole is None:
         return None
-    kept = {role: mapped.read_only(signal) for role, signal in signals.items()}
+    kept = {role: arrays.read_only(signal) for role, signal in signals.items()}
     period = whole.period_samples if whole.is_periodic else done
     whole = replace(whole, **kept, period_samples=period)  # type: ignore[arg-type]
     return replace(whole, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))

@@ -14,14 +14,12 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.recorded.period import at_whole_samples, grid_samples, with_whole_end
 from elastid.recorded.periodicity import MIN_PERIODS, repetition
-from elastid.recorded.repair.clipping import find_clipping
+from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.clock import resampled
-from elastid.recorded.repair.drift import find_drift
-from elastid.recorded.repair.finding import Finding, Log, Repaired
-from elastid.recorded.repair.gaps import bridged_gaps
+from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.lost_samples import realigned
-from elastid.recorded.repair.missing import filled
-from elastid.recorded.repair.quantisation import find_steps
+from elastid.recorded.repair.missing import bridged_gaps, filled
+from elastid.recorded.repair.repeats import find_drift
 from elastid.recorded.repair.spikes import despiked
 from elastid.recorded.repair.stops import without_stops
 

@@ -17,18 +17,14 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.structure import Places, channel_refusal, input_units
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.drive_notes import drive_notes
-from elastid.recorded.files.formats import is_log, rows_of
-from elastid.recorded.link_side import link_side_factor, to_joints
-from elastid.recorded.naming import naming
-from elastid.recorded.period import advised_period, grid_samples
+from elastid.recorded.drive_notes import drive_notes, same_signal_notes
+from elastid.recorded.files.formats import is_log, naming, rows_of
+from elastid.recorded.link_side import check_holds, hold_samples, link_side_factor, to_joints
+from elastid.recorded.period import advised_period, check_repeat, grid_samples
 from elastid.recorded.pieces import joined, may_be_large, pieces, with_end
-from elastid.recorded.repair.finding import Log, Repaired, counts
+from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
-from elastid.recorded.repeat_check import check_repeat
-from elastid.recorded.same_signals import same_signal_notes
-from elastid.recorded.torque_hold import check_holds, hold_samples
 
 
 @dataclass(frozen=True)

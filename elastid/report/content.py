@@ -1,19 +1,23 @@
-"""The content of a report as one value, independent of the stages that it comes from."""
+"""The content of a report as one value: parameter rows, model lines dense at resonances, results of the stages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import NoteGroup, grouped
-from elastid.design.forecast import Forecast
-from elastid.design.limit_use import LimitUse
+from elastid.design.forecast import Forecast, LimitUse
+from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
-from elastid.experiment.plan.rehearsal import Rehearsal
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
+from elastid.linear.fitted_model import response_deviation
+from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.modes.mode_row import ModeRow
+from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.comparison import Comparison
@@ -66,3 +70,103 @@ class ReportContent:
         """Those of the fit, then those of the measured responses; the same from many places once, with a count."""
         notes = (note for measured, _ in self.frf for note in measured.notes)
         return grouped((*self.result.notes, *notes))
+
+
+# Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.
+N_OVERALL, N_RESONANCE, HALF_WIDTHS = 200, 17, 4.0
+# Of all elements in all configurations together: with them a page of 20 configurations of six axes stays below 10 MB.
+MAX_VALUES = 330_000
+
+
+def model_lines(
+    freq_hz: FloatArray, resonances_hz: Sequence[float], zeta: Sequence[float], most: int = MAX_VALUES
+) -> FloatArray:
+    """The measured lines freq_hz (F,), lines between them, and more about each resonance within the band, rising.
+
+    Of more than `most` lines, those that were not measured are thinned.
+    """
+    low, high = float(freq_hz[0]), float(freq_hz[-1])
+    about = [
+        f * (1 + max(ratio, 1e-4) * np.linspace(-HALF_WIDTHS, HALF_WIDTHS, N_RESONANCE))
+        for f, ratio in zip(resonances_hz, zeta, strict=True)
+    ]
+    between = np.geomspace(low, high, N_OVERALL) if low > 0 else np.linspace(low, high, N_OVERALL)
+    every = np.unique(np.concatenate([between, *about]))
+    further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
+    room = min(max(most - len(freq_hz), 0), len(further))
+    kept = np.linspace(0, len(further) - 1, room).astype(int)
+    return np.union1d(freq_hz, further[kept])
+
+
+def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArray], ...]:
+    """Of each measured configuration the model on `model_lines` and its standard deviation (L, n_y, n_u)."""
+    result, found = fitted.result, []
+    modes = fitted.uncertain_modes
+    most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
+    for linear, differentiated, measured, mode in zip(
+        fitted.linear, fitted.differentiated, fitted.measured, modes, strict=True
+    ):
+        lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
+        theta = fitted.theta_of(linear.configuration.name)
+        response = replace(to_response(linear, theta, lines), rate_is_known=measured.rate_is_known)
+        std = response_deviation(differentiated, lines, result.parameters, result.x, result.covariance)[1]
+        found.append((response, std))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
+
+    deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
+    contains: in words, of a viscous coefficient that may contain dry friction.
+    """
+
+    name: str
+    unit: str
+    estimate: float
+    std: float
+    interval: tuple[float, float]
+    start: float
+    bounds: tuple[float, float]
+    at_bound: bool
+    truth: float | None = None
+    deviation: float | None = None
+    contains: str = ""
+
+    @property
+    def reference(self) -> float:
+        """The value it is compared with: the truth, the estimate where none is known, the start where that is zero."""
+        candidates = (self.truth, self.estimate, self.start)
+        return next((value for value in candidates if value is not None and value != 0), 1.0)
+
+
+def parameter_rows(
+    result: FitResult, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
+) -> tuple[ParameterRow, ...]:
+    """One row for each free parameter, in the order of x; truth and contents (in words) may name only some of them."""
+    known, estimates, stds = truth or {}, result.values, result.std
+    std_x = np.sqrt(np.diag(result.covariance))
+    rows = []
+    for i, parameter in enumerate(result.parameters.free):
+        name = parameter.name
+        true = known.get(name, known.get(parameter.stands_for))
+        deviation = None
+        if true is not None and std_x[i] > 0:
+            deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
+        rows.append(
+            ParameterRow(
+                name=name,
+                unit=parameter.unit,
+                estimate=estimates[name],
+                std=stds[name],
+                interval=result.interval(name),
+                start=parameter.value,
+                bounds=(parameter.lower, parameter.upper),
+                at_bound=bool(result.at_bound[i]),
+                truth=true,
+                deviation=deviation,
+                contains=(contents or {}).get(name, ""),
+            )
+        )
+    return tuple(rows)

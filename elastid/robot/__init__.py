@@ -32,7 +32,15 @@ l_l (ends of loop l, length of its rod). And so have the gains of the channels: 
 from __future__ import annotations
 
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
-from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
+from elastid.robot.friction import (
+    Directions,
+    Friction,
+    LoadDependence,
+    LuGre,
+    MaxwellSlip,
+    MeasuredRange,
+    TemperatureDependence,
+)
 from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.joint import Joint, Limits
@@ -40,7 +48,6 @@ from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.motor import Motor
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
-from elastid.robot.presliding import LuGre, MaxwellSlip
 from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.spring import Spring
 

@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import of_translation
-from elastid.robot.friction import Friction
+from elastid.robot.friction import Friction, MaxwellSlip
 from elastid.robot.joint import Joint
 from elastid.robot.motor import Motor
 from elastid.robot.named_numbers import Path, at, replaced
-from elastid.robot.presliding import MaxwellSlip
 from elastid.robot.robot import Robot
 
 

@@ -1,4 +1,4 @@
-"""The elastic coordinates of a robot, and simpler robots: with rigid coordinates, without inertial motor coupling."""
+"""Robots derived from a robot: rigid coordinates, no motor coupling, a point mass at the last frame."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import unused
 from elastid.robot.body import Body
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -114,3 +115,19 @@ def _rigid(joint: Joint) -> Joint | None:
 
 def _stiff(loop: Loop) -> Loop:
     return loop if loop.rod is None else replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0))
+
+
+def with_point_mass(robot: Robot, mass: float) -> Robot:
+    """The robot with a further mass in kg at the origin of its last frame, beside its own payload.
+
+    Raises StudyError for a robot without frames.
+    """
+    if not mass:
+        return robot
+    if not robot.frames:
+        raise StudyError(
+            f"robot {robot.name} has no frame that could carry {mass:g} kg; give it frames: [{{name: tool}}]"
+        )
+    seat = robot.frames[-1]
+    name = unused("point_mass", [body.name for body in robot.all_bodies])
+    return replace(robot, bodies=(*robot.bodies, Body(name, seat.body, seat.placement, mass=mass)))

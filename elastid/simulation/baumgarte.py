@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.null_space import Partition, partition
+from elastid.model.parallel_linkage.loop_closure import Partition, partition
 
 
 def constrained_acceleration(

@@ -1,19 +1,17 @@
-r"""One elastic joint with dry friction at its motor, the numbers of the friction as arguments: one step of it.
-
-.. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u, \qquad
-          J_l \ddot q_l = k (q_m - q_l) + d (\dot q_m - \dot q_l)
-
-on one side of the gear, with LuGre's bristles z of the motor. Torque is held between samples.
-"""
+"""One elastic joint with dry friction at its motor, alone or cut out of a robot whose other joints are held."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
 from elastid.friction.law import Curve
+from elastid.model.formulation import formulate
+from elastid.robot import Robot
 from elastid.simulation.dynamics import runge_kutta_step
 
 # The friction's numbers, in the order of the arguments.
@@ -53,3 +51,38 @@ class ElasticJoint:
         for _ in range(substeps):
             q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [u, u, u], 1 / rate_hz / substeps)
         return ca.Function("step", [x, p, u], [ca.vertcat(q[0], v[0], q[1], v[1], z)], ["x", "p", "u"], ["next"])
+
+
+def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
+    """Inertias of motor and link, link side, with the spring of the gear; None where it has no such form.
+
+    angles (n_u,): posture in which the other joints are held, their springs and those of undriven joints stiff.
+    Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
+    """
+    names = [each.name for each in robot.joints]
+    index = names.index(joint)
+    spec = robot.joints[index]
+    if spec.motor is None or not spec.is_flexible or index in robot.joints_in_loops:
+        return None
+    driven = robot.driven_indices.index(index)
+    coupled = np.abs(robot.mixing[driven]) + np.abs(robot.mixing[:, driven])
+    if np.count_nonzero(coupled) > 1 or not (spec.spring is None or spec.spring.is_linear):
+        return None
+    springs = [(spec.spring, 1.0), (spec.motor.spring, robot.ratio(joint) ** 2)]
+    compliance = sum(1 / (scale * spring.stiffness) for spring, scale in springs if spring is not None)
+    # Of two springs in series the softer one damps.
+    damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
+    model = formulate(robot)
+    q = np.zeros(model.n_q)
+    q[[model.index(f"joint {each.name}") for each in robot.driven]] = angles
+    q[[model.index(f"motor {each.name}") for each in robot.flexible]] = angles[_flexible(robot)]
+    inertia = np.diag(np.asarray(model.mass(q, model.theta)))
+    return ElasticJoint(
+        float(inertia[model.index(f"motor {joint}")]), float(inertia[model.index(f"joint {joint}")]), 1 / compliance,
+        damping,
+    )  # fmt: skip
+
+
+def _flexible(robot: Robot) -> list[int]:
+    """The flexible joints among the driven ones."""
+    return [i for i, each in enumerate(robot.driven) if each in robot.flexible]

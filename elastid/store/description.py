@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from elastid.base.value_range import shown_range, shown_values, value_range
+from elastid.base.arrays import shown_range, shown_values, value_range
 from elastid.store.files import attributes, kind_of, opened
 
 # Values that are in memory at a time where a range is found.

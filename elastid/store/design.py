@@ -12,11 +12,10 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.design.limit_use import LimitUse
-from elastid.experiment.plan.passes import PassReference
+from elastid.design.forecast import LimitUse
+from elastid.experiment.plan.friction import PassReference
+from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.plan.references import Reference
-from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.store.files import NO_STAMP, Stamp, text_file
 from elastid.store.reading import read_optional_part, read_part
 from elastid.store.values import write_artefact

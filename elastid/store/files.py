@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError
-from elastid.base.own_data import require_own_data
+from elastid.base.files import require_own_data
 from elastid.store.checksum import USER_BLOCK, is_intact, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
+from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.files import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_part, read_value
 from elastid.store.values import write_artefact

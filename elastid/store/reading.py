@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
+from elastid.base.arrays import mapped
 from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label
-from elastid.base.mapped import mapped
 from elastid.store.files import opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES

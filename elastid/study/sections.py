@@ -17,8 +17,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places, Structure
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_study.filter_spec import FilterSpec
-from elastid.friction_study.spec import FrictionSpec
+from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.spec import ReportSpec
 from elastid.response import FrequencyResponse

@@ -19,23 +19,31 @@ from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.weights.weights import vec
 from elastid.response import FrequencyResponse
 from elastid.validation.cross_validation import generalises
-from elastid.validation.noise_tests import FALSE_ALARM, power_over_noise, white_by_chance, whitening, without_shifts
 from elastid.validation.residual_tests import (
+    FALSE_ALARM,
     above_2sigma,
     autocorrelation,
     inside_expected,
     normality,
+    power_over_noise,
     sigma_of_noise,
+    white_by_chance,
+    whitening,
+    without_shifts,
 )
-from elastid.validation.resonances import (
+from elastid.validation.results import (
     MIN_PROMINENCE_DB,
+    Agreement,
     Peak,
     PeakKind,
+    Validation,
     antiresonances,
+    are_white,
+    noise_p,
     paired_resonances,
+    pooled_rms,
     resonances,
 )
-from elastid.validation.results import Agreement, Validation, are_white, noise_p, pooled_rms
 
 _FINDERS: dict[PeakKind, Callable[..., FloatArray]] = {"resonance": resonances, "antiresonance": antiresonances}
 

@@ -29,8 +29,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.groups import is_group_key
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import FactorSpec
+from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
 from elastid.fit.weights.weights import weigh
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse

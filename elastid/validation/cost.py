@@ -17,7 +17,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import weigh
 from elastid.response import FrequencyResponse
-from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance, falls_short_by_chance
+from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, falls_short_by_chance
 from elastid.validation.results import Agreement, are_white, noise_p, power_ratio
 
 # A configuration or element is named from this share of the excess on, and from twice its share of the lines.

@@ -1,19 +1,20 @@
-r"""The torque of a multisine, part by part: what the fitted model takes for the measured motion of the motors.
-
-.. math:: \hat U = G_m^{-1} Y_m, \qquad G_m: \text{torques of the motors to their own motion}
-
-of three models with the fitted numbers: springs left out and no viscous friction (rigid body), with springs (elasticity
-is the difference), and with viscous friction (the same). Dry friction is what the estimator took out of the torque. At
-the lines of the response, in the last period of the steady state, where this is exact.
-"""
+"""The twin of an elastic study: a multisine's torque part by part, and a record simulated forwards."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
+from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.experiment.plan.plan import Experiment
+from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
@@ -21,11 +22,25 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.record import Record
+from elastid.record import Record, motion_unit
 from elastid.robot import Robot
-from elastid.robot.simplified import elastic_coordinates, stiffened
+from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
+from elastid.simulation.closed_loop import Commands
+from elastid.simulation.controller import rigid_motion, rigid_path
 from elastid.validation.replay import last_period, settled_periods, signals_of
 from elastid.validation.twin import DRY, ELASTICITY, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
+from elastid.validation.twin_run import (
+    LINK,
+    LONGEST_S,
+    MOTION,
+    TORQUE,
+    Drive,
+    SignalKind,
+    TwinPlant,
+    TwinRun,
+    TwinSignal,
+    twin_signal,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,3 +116,154 @@ def _torque(Y: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: Flo
 def _viscous(robot: Robot) -> list[str]:
     """Names of the viscous frictions of motors and joints."""
     return [name for name, (_, path) in robot.numbers.items() if path[-1] == "viscous"]
+
+
+# Of the lowest line.
+HELD_SHARE = 0.2
+# Periods of the holding loop, critically damped, after which a thousandth of an error at the start is left.
+SETTLING_PERIODS = 1.5
+
+
+@dataclass(frozen=True)
+class FittedTwin:
+    """The robot with its fitted elasticity and friction, the delay of its torques in s, and the equations it has."""
+
+    robot: Robot
+    delay_s: float
+    spec: ModelSpec
+
+
+def elastic_runs(
+    record: Record,
+    twin: FittedTwin,
+    band_hz: tuple[float, float],
+    rig: SimulatedRig | None,
+    execution: Execution | None = None,
+) -> tuple[TwinRun, ...]:
+    """The runs along a record, compared within band_hz.
+
+    rig: which the record is of; None for a log, whose controller is not known: its torque alone drives the twin then.
+    """
+    if not record.rate_is_known:
+        return ()
+    rigs = [None] if rig is None else [None, rig]
+    return tuple((execution or Execution()).ordered(partial(_run, _shortened(record), twin, band_hz), rigs))
+
+
+def _shortened(record: Record) -> Record:
+    """One without a period from its beginning, at most LONGEST_S of it."""
+    n = round(LONGEST_S * record.rate_hz)
+    if record.is_periodic or record.n_samples <= n:
+        return record
+    return replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
+
+
+def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
+    """Driven by the torque of the record, or by the reference of a rig."""
+    drive: Drive = "torque" if rig is None else "reference"
+    held_hz = HELD_SHARE * band_hz[0] if rig is None else 0.0
+    seconds = record.period_samples / record.rate_hz
+    empty = TwinRun(record.name, drive, held_hz, seconds, record.rate_hz)
+    found: list[Record | str] = []
+    for robot in (twin.robot, without_friction(twin.robot)):
+        try:
+            if rig is None:
+                found.append(_under_torque(record, robot, twin.spec, held_hz))
+            else:
+                experiment = Experiment(record.configuration, record.realisation, record.experiment)
+                found.append(rig.follow(experiment, robot, twin.spec))
+        except (DataError, StudyError) as error:
+            found.append(str(error))
+    whole, free = found
+    if isinstance(whole, str):
+        return replace(empty, lost=whole)
+    delay_s = twin.delay_s if rig is None else 0.0
+    compared = _compared(record, whole, None if isinstance(free, str) else free, band_hz, delay_s)
+    return replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else "")
+
+
+def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float) -> Record:
+    """The last period of the robot under the periodic torque of a record; DataError where it is lost."""
+    plant = TwinPlant.of(robot, record.rate_hz, record.configuration, spec)
+    model, q0, angles = plant.plant.model, plant.point.q, record.configuration.angles
+    period, N, motors = _last(record), record.period_samples, [model.inputs.index(place) for place in record.inputs]
+    position = np.tile(angles, (N, 1))
+    for i, place in zip(motors, record.inputs, strict=True):
+        if (place, "position") in zip(record.outputs, record.quantities, strict=True):
+            column = record.outputs.index(place)
+            position[:, i] = record.y[period, column] / robot.chain.gain("y", place)
+    # As the loop differentiates what it reads, so that its torque is of the error alone.
+    velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
+    if not record.is_periodic:
+        velocity[0] = velocity[1]
+    torque = np.tile(plant.point.u, (N, 1))
+    torque[:, motors] += _held(record, period) / [robot.chain.gain("u", place) for place in record.inputs]
+    lead = _lead(record, held_hz)
+    still = np.zeros(((lead + 1) * N, model.n_u))
+    path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
+    commands = Commands(path, rate, driving, still, still)
+    (start,) = rigid_path(model, q0, angles, position[:1])
+    gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
+    moved = plant.moved_from(gains, commands, start, rigid_motion(model, start) @ velocity[0])
+    y = sense(moved.q, moved.reading, model, q0, record.outputs, record.rate_hz, N)
+    y = filter_motions(robot, y, record.rate_hz) * [robot.chain.gain("y", place) for place in record.outputs]
+    u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
+    return replace(
+        record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
+        quantities=tuple(logged_quantity(place) for place in record.outputs),
+    )  # fmt: skip
+
+
+def _last(record: Record) -> slice:
+    """The samples of the last whole period that was not left out."""
+    N, per = record.period_samples, 2 if record.half_wave else 1
+    left_out = {repetition // per for repetition in record.left_out}
+    last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
+    return slice(last * N, (last + 1) * N)
+
+
+def _held(record: Record, period: slice) -> FloatArray:
+    """The command (N, n_u), held from sample to sample, whose torque acts as that of the record does; no mean."""
+    N = record.period_samples
+    freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
+    held = replace(record, hold="zero-order", hold_samples=())
+    factor = record.hold_response(freq_hz) / held.hold_response(freq_hz)
+    factor[0] = 0.0
+    return np.asarray(np.fft.irfft(np.fft.rfft(record.u[period], axis=0) * factor, N, axis=0))
+
+
+def _lead(record: Record, held_hz: float) -> int:
+    """Periods that are simulated before the one that is compared."""
+    if not record.is_periodic:
+        return 0
+    period_s = record.period_samples / record.rate_hz
+    most = max(0, math.floor(LONGEST_S / period_s) - 1)
+    return min(most, math.ceil(SETTLING_PERIODS / held_hz / period_s))
+
+
+def _compared(
+    record: Record, whole: Record, free: Record | None, band_hz: tuple[float, float], delay_s: float
+) -> tuple[TwinSignal, ...]:
+    """Torques and motions of the last period, at the lines within the band."""
+    rate_hz, N = record.rate_hz, record.period_samples
+    lines = grid_lines("odd" if record.half_wave else "full", band_hz, rate_hz, N)
+    freq_hz = line_frequencies(lines, rate_hz, N)
+    late = np.exp(-2j * np.pi * freq_hz * delay_s)[:, None]
+
+    def in_time(one: Record, factor: ComplexArray | float) -> tuple[FloatArray, FloatArray]:
+        (Y,), (U,) = last_period(one, lines, "position")
+        return signals_of(factor * Y, lines, N), signals_of(U, lines, N)
+
+    (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(whole, late)
+    y_free, u_free = (None, None) if free is None else in_time(free, late)
+    edges = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
+    found = []
+    for i, place in enumerate(record.inputs):
+        three = (u[:, i], u_twin[:, i], None if u_free is None else u_free[:, i])
+        found.append(twin_signal(TORQUE, place, record.units_of_inputs[i], three, rate_hz, edges))
+    for i, place in enumerate(record.outputs):
+        three = (y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i])
+        kind: SignalKind = MOTION if place in record.inputs else LINK
+        unit = motion_unit("position", place in record.sliding)
+        found.append(twin_signal(kind, place, unit, three, rate_hz, edges))
+    return tuple(found)

@@ -1,21 +1,37 @@
-"""The torque of motions in a study of friction, part by part: what the regression of each joint explains of its log.
-
-A joint that moved alone has inertia and gravity of its own; of joints that moved together the rigid body is what their
-regression took out of the log, gravity and offset with it.
-"""
+"""The twin of a friction study: torque of motions part by part, and a log simulated with the identified friction."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.friction_study.motion import MotionFriction, MotionSignals, motion_parts
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
+from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.friction_study.motion import MotionFriction, MotionSignals, motion_parts, rigid_torque
 from elastid.friction_study.result import JointFriction
-from elastid.record import drive_unit
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
+from elastid.robot import Robot
+from elastid.robot.simplified import without_friction
+from elastid.simulation.closed_loop import Commands, Trajectory
+from elastid.simulation.controller import Gains, feed_forward
 from elastid.validation.twin import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
+from elastid.validation.twin_run import (
+    LINK,
+    LONGEST_S,
+    MOTION,
+    TORQUE,
+    Drive,
+    SignalKind,
+    TwinPlant,
+    TwinRun,
+    TwinSignal,
+    twin_signal,
+)
 
 # Number of a regression: the part that it belongs to.
 PART_OF = {
@@ -57,3 +73,184 @@ def _balance(found: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     return torque_balance(
         f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
     )
+
+
+# Of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+HELD_HZ = 0.5
+
+
+@frozen_value
+class _Log:
+    """A log of n samples along which joints move: records and signals of those, the whole robot's motion (n, n_u).
+
+    moving (n_u,): whether a joint does.  torque (n, n_u): logged; rigid (n, n_u): found of the rigid body.
+    """
+
+    records: tuple[FrictionRecord, ...]
+    signals: tuple[MotionSignals, ...]
+    moving: tuple[bool, ...]
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    rigid: FloatArray
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the samples."""
+        return self.records[0].rate_hz
+
+
+def friction_runs(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution | None = None,
+) -> tuple[TwinRun, ...]:
+    """The twin along the first log of each group of joints that moved together, under its torque and its reference.
+
+    robot: with the identified friction.  controller: None where it is not known; no reference drives the twin then.
+    """
+    driven: list[tuple[_Log, CascadeSpec | None]] = []
+    for log in _logs(robot, joints, measured):
+        driven.append((log, None))
+        if controller is not None and all(record.reference is not None for record in log.records):
+            driven.append((log, controller))
+    return tuple((execution or Execution()).ordered(partial(_run, robot), driven))
+
+
+def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords) -> list[_Log]:
+    """The log of each regression, with all joints that moved in it."""
+    groups: dict[str, list[tuple[JointFriction, FrictionRecord]]] = {}
+    for joint in joints:
+        if joint.motion is None or joint.friction is None:
+            continue
+        for record in measured.of(joint.joint, "motion"):
+            if np.array_equal(record.position, joint.motion.motion.position):
+                groups.setdefault(record.name, []).append((joint, record))
+                break
+    return [_log(robot, members) for members in groups.values()]
+
+
+def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) -> _Log:
+    names = [joint.name for joint in robot.driven]
+    rate_hz = members[0][1].rate_hz
+    n = min(len(members[0][1].position), round(LONGEST_S * rate_hz))
+    posture = members[0][1].configuration
+    angles = np.zeros(len(names)) if posture is None else posture.angles
+    position = np.tile(angles, (n, 1))
+    velocity, acceleration, torque, rigid = (np.zeros_like(position) for _ in range(4))
+    signals = []
+    for joint, record in members:
+        assert joint.motion is not None
+        i, each = names.index(joint.joint), MotionSignals.of(joint.motion.motion, joint.motion.passband_hz)
+        position[:, i], velocity[:, i] = each.position[:n], each.velocity[:n]
+        acceleration[:, i], torque[:, i] = each.acceleration[:n], record.torque[:n]
+        rigid[:, i] = rigid_torque(joint.motion, each, record.torque)[:n]
+        signals.append(each)
+    moving = tuple(name in [joint.joint for joint, _ in members] for name in names)
+    return _Log(
+        tuple(record for _, record in members), tuple(signals), moving, position, velocity, acceleration, torque, rigid
+    )
+
+
+def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
+    """Along a log, driven by its torque, or by its reference through a controller."""
+    log, controller = driven
+    drive: Drive = "torque" if controller is None else "reference"
+    held_hz = HELD_HZ if controller is None else 0.0
+    empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
+    start = Configuration(log.records[0].name, log.position[0])
+    try:
+        free = TwinPlant.of(without_friction(robot), log.rate_hz, start)
+        whole = TwinPlant.of(robot, log.rate_hz, start)
+    except StudyError as error:
+        return replace(empty, lost=str(error))
+    commands, gains = _commands(log, free, controller)
+    try:
+        moved = whole.moved(gains, commands, log.velocity[0])
+    except DataError as error:
+        return replace(empty, lost=str(error))
+    without, lost = None, ""
+    try:
+        without = free.moved(gains, commands, log.velocity[0])
+    except DataError as error:
+        lost = str(error)
+    return replace(
+        empty,
+        rate_hz=log.rate_hz / int(log.signals[0].kept.step),
+        signals=tuple(_compared(robot, log, (whole, moved), without)),
+        lost_without_friction=lost,
+    )
+
+
+def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tuple[Commands, Gains]:
+    """Reference, torque and gains; those of joints that rest are the same under both drives."""
+    model, moving = free.plant.model, np.array(log.moving)
+    own = feed_forward(model, free.point.q, log.position - log.position[0], log.velocity, log.acceleration)
+    lacking = np.where(moving, own - log.rigid, 0.0)
+    still = np.zeros_like(own)
+    if controller is None:
+        # The plant holds a torque from sample to sample: the mean of both ends acts on it.
+        acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
+        held = free.holding_gains(HELD_HZ)
+        # As the loop differentiates what it reads, so that its torque is of the error alone.
+        position = log.position
+        velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
+    else:
+        held = _cascade(controller, len(moving))
+        position = log.position.copy()
+        for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
+            assert record.reference is not None
+            position[:, i] = record.reference[: len(position)]
+        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
+        acting = np.tile(_at_start(log, held, position[0], velocity[0]), (len(own), 1))
+    commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
+    return commands, free.gains(moving, held)
+
+
+def _cascade(controller: CascadeSpec, n_u: int) -> Gains:
+    kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
+    kp = kd * np.array(controller.position_gain, dtype=np.float64)
+    return Gains(kp, kd, np.full(n_u, 0.0 if controller.integral_time is None else 1 / controller.integral_time))
+
+
+def _at_start(log: _Log, gains: Gains, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Torque (n_u,) that the controller's integral holds at the start; 0 without an integral."""
+    error = gains.kp * (position - log.position[0]) + gains.kd * (velocity - log.velocity[0])
+    return np.where(gains.ki > 0, log.torque[0] - error, 0.0)
+
+
+def _compared(
+    robot: Robot, log: _Log, whole: tuple[TwinPlant, Trajectory], free: Trajectory | None
+) -> list[TwinSignal]:
+    """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
+    plant, moved = whole
+    names, found = [joint.name for joint in robot.driven], []
+    for record, signals in zip(log.records, log.signals, strict=True):
+        i, k = names.index(record.joint), plant.plant.model.index(f"joint {record.joint}")
+        motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
+        own, others = (
+            (None, None, None) if run is None else (run.reading[:, i], run.u[:, i], run.q[:, k])
+            for run in (moved, free)
+        )
+        measured = record.position, record.torque, record.link_position
+        kinds: tuple[SignalKind, ...] = (MOTION, TORQUE, LINK)
+        places = (motor, turning), (motor, drive_unit(record.slides)), (f"joint {record.joint}", turning)
+        for kind, (place, unit), *three in zip(kinds, places, measured, own, others, strict=True):
+            if three[0] is not None:
+                found.append(_filtered(kind, place, unit, signals, three, len(moved.u)))
+    return found
+
+
+def _filtered(
+    kind: SignalKind, place: str, unit: str, signals: MotionSignals, three: Sequence[FloatArray | None], n: int
+) -> TwinSignal:
+    """The signals behind the filter of the regression; of a log that is not simulated to its end, without the rest."""
+    kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
+    measured, simulated, free = (None if each is None else kept.filtered(each[:n]) for each in three)
+    assert measured is not None
+    assert simulated is not None
+    rate_hz = signals.rate_hz / int(signals.kept.step)
+    return twin_signal(kind, place, unit, (measured, simulated, free), rate_hz, (0.0, signals.passband_hz))

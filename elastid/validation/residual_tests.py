@@ -1,16 +1,121 @@
-"""The measured uncertainty, and tests of whether a residual is no more than noise: share, whiteness, normality."""
+"""Tests of residuals against the measured noise: share, whiteness, normality, each with its false alarm rate."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import chdtrc, fdtr, fdtrc, gammaincc, log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.weights.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.noise_tests import LAGS
+
+# How often a verdict speaks against a true model.
+FALSE_ALARM = 0.01
+LAGS = (1, 2, 3)
+# Draws of random phases for the scatter of the autocorrelations of white residuals, least and most, and of so many
+# values together.
+PHASE_DRAWS = (400, 2000)
+MAX_DRAWN_VALUES = 2_000_000
+
+
+def whitening(noise: SmoothedNoise) -> ComplexArray:
+    """L^-1 (F, m, m) of errors vec E, column-major; zero rows for elements of zero variance.
+
+    Element by element where the covariance is singular.
+    """
+    C = noise.covariance
+    deviation = np.sqrt(np.einsum("faa->fa", C).real)
+    gain = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    R = gain[:, :, None] * C * gain[:, None, :]
+    diagonal = np.arange(R.shape[1])
+    R[:, diagonal, diagonal] = 1.0
+    try:
+        L_inverse = np.linalg.inv(np.linalg.cholesky(R))
+    except np.linalg.LinAlgError:
+        L_inverse = np.broadcast_to(np.eye(R.shape[1]), R.shape)
+    return np.asarray(L_inverse * gain[:, None, :], np.complex128)
+
+
+def power_over_noise(
+    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, beside: float = 0.0
+) -> tuple[float, float]:
+    r"""Power of whitened residuals z (F, m) over that of the measured noise, and the degrees of freedom d of the ratio.
+
+    .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
+
+    S is the measured covariance and kappa its part in L (`smooth_covariance`); beside: power that counts with that of
+    z.  Of a true model the ratio has mean 1 and variance 2 / d.
+    """
+    measured = noise.measured
+    S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
+    own = noise.own_variance if noise.is_diagonal else noise.own_matrix
+    expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
+    n = int(np.count_nonzero(z))
+    return (float(np.sum(np.abs(z) ** 2)) + beside) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+
+
+def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:
+    r"""Whitened residuals z (F, m) less the likeliest error of the parameters, and its own sum of squares in variances.
+
+    .. math:: z - B c, \qquad c = (1 + \mathrm{Re}\, 2 B^H B)^{-1} \mathrm{Re}\, 2 B^H z
+
+    shifts (n_x, F, m): B, whitened changes by independent errors of unit variance. |z - B c|^2 + |c|^2 / 2 is the
+    Mahalanobis distance with the covariance 1 + B B^H of prediction errors.
+    """
+    B = shifts.reshape(len(shifts), -1)
+    H, g = 2 * (B.conj() @ B.T).real, 2 * (B.conj() @ z.ravel()).real
+    c = np.linalg.solve(np.eye(len(B)) + H, g)
+    return z - np.tensordot(c, shifts, axes=1), float(c @ c) / 2
+
+
+def exceeds_by_chance(ratio: float, dof: float) -> float:
+    """P(as much or more) of a ratio of mean 1 and variance 2 / dof, half of it the denominator's; NaN without noise."""
+    return float(fdtrc(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
+
+
+def falls_short_by_chance(ratio: float, dof: float) -> float:
+    """P(as little or less), otherwise as `exceeds_by_chance`."""
+    return float(fdtr(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
+
+
+def white_by_chance(z: ComplexArray) -> float:
+    r"""P(as much correlation between neighbouring lines) of whitened residuals z (F, m); NaN of too few lines.
+
+    .. math:: T = \sum_{l=1}^{3} \sum_{a=1}^{m} \frac{|\sum_k \bar z_{ka} z_{k+l,a}|^2}{\sum_k |z_{ka}|^2 |z_{k+l,a}|^2}
+
+    held against its distribution when every line is turned by a random phase, the same for all elements: magnitudes and
+    correlations between elements stay, those along frequency vanish. Its mean is 3 m; with the variance and the third
+    moment of such draws it is a shifted gamma distribution (Pearson's type III), whose tail is that of T: lags depend
+    on each other, and elements are correlated, so that two moments would call white residuals coloured too often.
+    """
+    z = z[:, np.any(z != 0, axis=0)]
+    if len(z) <= max(LAGS) + 1 or not z.size:
+        return math.nan
+    draws = int(np.clip(MAX_DRAWN_VALUES // z.size, *PHASE_DRAWS))
+    turns = np.exp(2j * np.pi * np.random.default_rng(0).random((draws, len(z))))
+    found, drawn = 0.0, np.zeros(draws)
+    for lag in LAGS:
+        product = z[:-lag].conj() * z[lag:]
+        scale = np.maximum(np.sum(np.abs(product) ** 2, axis=0), 1e-300)
+        found += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
+        drawn += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) ** 2 / scale, axis=1)
+    mean = float(len(LAGS) * z.shape[1])
+    variance, third = float(np.mean((drawn - mean) ** 2)), float(np.mean((drawn - mean) ** 3))
+    third = max(
+        third, 2 * variance**2 / mean
+    )  # of a gamma distribution from zero on, the least that sums of squares have
+    shape = 4 * variance**3 / third**2
+    return float(gammaincc(shape, max(0.0, shape + math.sqrt(shape / variance) * (found - mean))))
+
+
+def together(p: Sequence[float] | FloatArray) -> float:
+    """P of independent tests together, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
+    known = [max(one, 1e-300) for one in p if math.isfinite(one)]
+    return float(chdtrc(2 * len(known), -2 * sum(map(math.log, known)))) if known else math.nan
+
 
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
 NORMALITY_95 = 0.752

@@ -1,27 +1,25 @@
-r"""The twin of a robot moved like its log: the identified model, elasticity and friction, simulated forwards.
-
-.. math:: error_i = \sqrt{\overline{(y_i - \hat y_i)^2}} \,/\, \sqrt{\overline{(y_i - \bar y_i)^2}}
-
-over time, and by octave the same of the spectra of Hann's window. What drives the twin is one of two:
-
-`reference`: that of the robot's controller, through the same controller. Motion and torque are the twin's own.
-`torque`: that of the log. A robot under a torque alone drifts, since its motors have no springs and gravity may pull it
-further away; so a loop about the logged motion, slower than what is judged, holds the twin. The torque that this loop
-adds is what the model lacks at low frequencies, and is shown as error of the torque.
-"""
+"""The twin of a robot moved like its log: the identified model with and without friction, simulated forwards."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.label import labelled
+from elastid.experiment.simulated.plant import Plant, exact_plant
+from elastid.linear.equilibrium import OperatingPoint
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import Robot
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import Gains, rigid_motion, tune
 from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octaves
 
 Drive: TypeAlias = Literal["reference", "torque"]
@@ -209,3 +207,43 @@ def _spread(errors: Sequence[float]) -> str:
 def _without(errors: Sequence[float]) -> str:
     known = [error for error in errors if math.isfinite(error)]
     return f" (without friction {_spread(known)})" if known else ""
+
+
+# Of a log this much is simulated at most.
+LONGEST_S = 30.0
+# The loop about a logged motion is damped critically, so that it adds no resonance.
+HELD_DAMPING_RATIO = 1.0
+# Of motors whose torque is not in the log.
+RESTING_HZ = 5.0
+
+
+@dataclass(frozen=True)
+class TwinPlant:
+    """A robot at rest where its log begins, as equations, with exact drives and encoders and without limits."""
+
+    plant: Plant
+    point: OperatingPoint
+
+    @classmethod
+    def of(cls, robot: Robot, rate_hz: float, start: Configuration, spec: ModelSpec = EXACT) -> TwinPlant:
+        """With as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
+        plant, point = exact_plant(robot, spec, rate_hz, start)
+        free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
+        return cls(Plant(plant.model, replace(plant.loop, limits=free)), point)
+
+    def holding_gains(self, bandwidth_hz: float) -> Gains:
+        """Of a loop about the logged motion."""
+        return tune(self.plant.model, self.point.q, bandwidth_hz, HELD_DAMPING_RATIO)
+
+    def gains(self, moving: BoolArray, held: Gains) -> Gains:
+        """Those of `held` for motors that move (n_u,), of a loop of RESTING_HZ for the others."""
+        resting = self.holding_gains(RESTING_HZ)
+        return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
+
+    def moved(self, gains: Gains, commands: Commands, velocity: FloatArray) -> Trajectory:
+        """The motion from rest of the springs, the motors at this velocity (n_u,); DataError where a motor is lost."""
+        return self.moved_from(gains, commands, self.point.q, rigid_motion(self.plant.model, self.point.q) @ velocity)
+
+    def moved_from(self, gains: Gains, commands: Commands, q: FloatArray, v: FloatArray) -> Trajectory:
+        """The motion from q, v (n_q,)."""
+        return simulate(self.plant.loop, gains, commands, q, v0=v)

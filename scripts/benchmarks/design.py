@@ -20,7 +20,7 @@ from scipy import sparse
 
 from elastid.base.arrays import FloatArray
 from elastid.design.optimal import MAX_GAP, DesignCriterion, RelaxedDesign, relaxed_design, whole
-from elastid.design.packed import pack
+from elastid.design.smallest_eigenvalue import pack
 
 CANDIDATES, PARAMETERS, EXPERIMENTS = 7920, 12, 15
 

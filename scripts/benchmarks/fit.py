@@ -54,13 +54,12 @@ from elastid.fit.problem.least_squares import LeastSquares, as_real
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring

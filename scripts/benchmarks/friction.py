@@ -42,7 +42,7 @@ from plants.lugre_joint import JOINT, TRUTH, joint_log, wrong_start
 from plants.published_friction import TERMS, drawn, published_levels
 
 from elastid.base.arrays import FloatArray
-from elastid.friction.static_terms import columns
+from elastid.friction.static import columns
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.lugre_shooting import fit_lugre
 from elastid.friction_study.stribeck import START_DECAY_K, derivative, fit_curve, reference_temperature

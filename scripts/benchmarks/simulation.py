@@ -27,14 +27,13 @@ import numpy as np
 from elastid.export.mujoco import mjcf
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.compiled import MIN_CALLS, compiler
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import free_acceleration
-from elastid.simulation.friction_states import contacts
+from elastid.simulation.dynamics import contacts, free_acceleration
 from elastid.study import load
 
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4

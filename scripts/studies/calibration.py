@@ -46,10 +46,9 @@ from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.setup.assembly import RelinearisedOptimum, relinearise
 from elastid.fit.solve.local_optimum import LocalOptimum
-from elastid.fit.spec import ParameterSpec, PriorSpec
+from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty, inverse_information
 from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
-from elastid.fit.weight_spec import WeightSpec
 from elastid.response import FrequencyResponse
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}

@@ -25,8 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app import scaffold
-from elastid.app.stage import Stage
-from elastid.app.stage_table import FRICTION, SIMULATED, stages_of
+from elastid.app.stage_table import FRICTION, SIMULATED, Stage, stages_of
 
 ROBOT = """\
 name: one elastic joint

@@ -46,8 +46,7 @@ from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import identify
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring

@@ -48,17 +48,16 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.elastic import elastic_fit, linear_model
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty, inverse_information
-from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import weigh
+from elastid.linear.fitted_model import response_shifts
 from elastid.linear.linearise import Linearisation
-from elastid.linear.propagation import response_shifts
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.agreement import agreement
-from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance
+from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance
 from elastid.validation.results import are_white, noise_p
 
 # Noise of a period relative to the median response, and the shares of it on the outputs and from torques.

@@ -51,7 +51,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 

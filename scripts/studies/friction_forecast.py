@@ -41,8 +41,7 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import estimate_without_friction

@@ -44,11 +44,11 @@ from elastid.experiment.simulated.hardware import draw_noise
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.disturbances import ColoredNoiseSpec, NoiseSpec
 from elastid.friction.robot_friction import frictions
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import find_levels
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
 from elastid.friction_study.spec import FrictionSpec, LawSpec, PassesSpec
+from elastid.record import FrictionRecord
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.study import load

@@ -64,8 +64,7 @@ from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.robot.friction import Friction
-from elastid.robot.presliding import LuGre, MaxwellSlip
+from elastid.robot.friction import Friction, LuGre, MaxwellSlip
 
 RATIO, TORQUE_RMS, COULOMB = (6.0, 5.0), (58.4, 30.6), 0.16
 CONFIGURATIONS = {"a": (0.0, 0.2), "b": (0.5, 0.9)}

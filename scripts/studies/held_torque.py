@@ -30,7 +30,7 @@ from study_plants import Rig, three_mass
 
 from elastid.fit.diagnosis.lateness import hold
 from elastid.fit.identify import identify
-from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import ModificationIndex
 
 EDGE_PHASES = (0.01, 0.02, 0.04, 0.08, 0.16)
 MAX_FALSE_ALARMS = 0.01

@@ -42,12 +42,11 @@ from ruamel.yaml import YAML
 from elastid.base.arrays import FloatArray
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import BASE, Body, Joint, Robot, Spring, unit_axis

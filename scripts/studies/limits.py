@@ -27,12 +27,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import ordered
-from elastid.design.limit_use import QUANTITIES
-from elastid.design.limits import within_limits
-from elastid.design.rehearsed_peaks import peaks_of_run
+from elastid.design.forecast import QUANTITIES
+from elastid.design.limits import peaks_of_run, within_limits
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.closed_loop import closed_loop_of
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec

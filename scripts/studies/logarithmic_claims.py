@@ -54,7 +54,7 @@ from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.assembly import relinearise
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.multistart import MAX_HIT_EXCESS
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 from elastid.frf.covariance import total_covariance, total_error
 from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
 from elastid.frf.methods import METHODS

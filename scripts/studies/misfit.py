@@ -46,7 +46,7 @@ from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 

@@ -16,7 +16,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stage_table import STAGES, module_of
 from elastid.base import execution, workers
-from elastid.base.cluster import on_dask
+from elastid.base.execution import on_dask
 from elastid.base.workers import load_for_workers
 from elastid.study import load
 

@@ -13,7 +13,7 @@ from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
 from elastid.app.stages.fit import conclude
-from elastid.base.numbers import digits, number
+from elastid.base.display import digits, number
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers

@@ -11,8 +11,8 @@ import pytest
 from scipy.io import savemat
 
 from elastid.app.inspection import described
+from elastid.base.arrays import ValueRange, value_range
 from elastid.base.errors import DataError, StudyError
-from elastid.base.value_range import ValueRange, value_range
 from elastid.record import Configuration, Record
 from elastid.recorded.files import log as log_of_arrays
 from elastid.store import write_records

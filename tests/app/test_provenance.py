@@ -17,8 +17,7 @@ import elastid
 from elastid.app import provenance
 from elastid.app.provenance import code_hash, handed_values, stamps
 from elastid.app.scaffold import new
-from elastid.app.stage import Stage
-from elastid.app.stage_table import PLAN, SIMULATED, STAGES, function_of, stages_of, stages_of_study
+from elastid.app.stage_table import PLAN, SIMULATED, STAGES, Stage, function_of, stages_of, stages_of_study
 from elastid.app.stages.design import design
 from elastid.app.work import StudyFiles, Work
 from elastid.fit.spec import ParameterSpec, RatioSpec

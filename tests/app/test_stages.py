@@ -21,8 +21,7 @@ from elastid.app import run as running
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.stage import Source, Stage, values
-from elastid.app.stage_table import SIMULATED, STAGES, function_of, stages_of
+from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, function_of, stages_of, values
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
 from elastid.app.work import Artefacts, Work

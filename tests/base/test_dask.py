@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
-from elastid.base.cluster import on_dask
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.execution import ordered, surviving
+from elastid.base.execution import on_dask, ordered, surviving
 from elastid.fit.solve.multistart import multistart, spread
 
 distributed = pytest.importorskip("distributed")
@@ -53,7 +52,7 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
         return scatter(*given, **options)
 
     monkeypatch.setattr(distributed.Client, "scatter", closed_once)
-    monkeypatch.setattr("elastid.base.cluster.WORKERS_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.WORKERS_S", 0.5)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
@@ -125,7 +124,7 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
 @pytest.mark.filterwarnings("default")
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     """Nobody listens there."""
-    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
         ordered(abs, [1, 2], 1)
 

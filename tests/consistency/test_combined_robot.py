@@ -23,8 +23,8 @@ from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
 from elastid.linear.measurement_chain import sensor_elements
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
-from elastid.model.serial import serial
 from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_forecast
 from elastid.study import load

@@ -18,7 +18,6 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_record import FrictionRecords
 from elastid.friction_study.at_rest import fit_at_rest, rest_responses
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
@@ -26,9 +25,10 @@ from elastid.friction_study.result import FrictionResult
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
+from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.simulation.held_joint import held_joint
+from elastid.simulation.elastic_joint import held_joint
 
 AUTO = EstimatorSpec(friction="auto")
 LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)

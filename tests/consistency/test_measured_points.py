@@ -18,8 +18,8 @@ from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
-from elastid.model.serial import serial
 from elastid.record import Configuration, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse

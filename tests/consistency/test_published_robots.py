@@ -10,8 +10,8 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
-from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.study import load_robot

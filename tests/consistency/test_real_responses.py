@@ -13,7 +13,7 @@ from elastid.app import cli
 from elastid.response import FrequencyResponse
 from elastid.store import read_responses
 from elastid.study import load
-from elastid.validation.resonances import antiresonances, resonances
+from elastid.validation.results import antiresonances, resonances
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"

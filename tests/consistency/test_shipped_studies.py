@@ -13,10 +13,10 @@ import pytest
 from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 from elastid.store import read_fit, read_responses
 from elastid.study import load
-from elastid.validation.resonances import antiresonances, resonances
+from elastid.validation.results import antiresonances, resonances
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

@@ -17,7 +17,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.design.design import design, with_friction_damping
-from elastid.design.friction_effects import friction_level
+from elastid.design.expected_response import friction_level
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
 from elastid.excitation.spec import MultisineSpec
@@ -27,8 +27,7 @@ from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import identify
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import FrequencyResponse

@@ -11,7 +11,7 @@ from plants.friction_axis import LIMITS, axis, planned
 
 from elastid.base.errors import StudyError
 from elastid.design.friction_axis import axis_of
-from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction_study.spec import (
     AtRestSpec,

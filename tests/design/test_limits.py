@@ -16,21 +16,28 @@ from plants.studies import study
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
-from elastid.design.limit_use import QUANTITIES, LimitUse
-from elastid.design.limits import power_costs, within_limits
-from elastid.design.rehearsed_peaks import limits_of, nearest_run, nominal_rig, peaks_of_movement, peaks_of_run
+from elastid.design.forecast import QUANTITIES, LimitUse
+from elastid.design.limits import (
+    limits_of,
+    nearest_run,
+    nominal_rig,
+    peaks_of_movement,
+    peaks_of_run,
+    power_costs,
+    within_limits,
+)
+from elastid.experiment.plan.movement import reference
 from elastid.experiment.plan.plan import Plan, make_plan
-from elastid.experiment.plan.references import reference
-from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
+from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.serial import serial
-from elastid.report.figures.limits import limit_use as limit_use_figure
-from elastid.report.figures.limits import nearest_run_signals
+from elastid.model.formulation import serial
+from elastid.report.figures.design import limit_use as limit_use_figure
+from elastid.report.figures.design import nearest_run_signals
 from elastid.robot import Limits, Robot
 from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from plants.limited_arm import EXCITATION, arm, experiment
 
+from elastid.experiment.plan.movement import reference
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.plan.references import reference
-from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
+from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.robot import Limits
 
 

@@ -10,10 +10,9 @@ import pytest
 from plants.friction_axis import LAW, axis, rig
 
 from elastid.base.errors import StudyError
-from elastid.experiment.simulated.friction_run import holding_torque
-from elastid.experiment.simulated.heating import heat_of
+from elastid.experiment.simulated.friction_run import heat_of, holding_torque
 from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
-from elastid.experiment.specs.heat import HeatSpec
+from elastid.experiment.specs.simulated import HeatSpec
 from elastid.friction_study.levels import find_levels
 from elastid.friction_study.passes import passes_of
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec

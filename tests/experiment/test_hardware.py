@@ -36,7 +36,7 @@ from elastid.linear.measurement_chain import DifferenceElement, elements
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import (
     Body,
@@ -53,7 +53,7 @@ from elastid.robot import (
     Spring,
     TemperatureDependence,
 )
-from elastid.simulation.friction_states import contacts
+from elastid.simulation.dynamics import contacts
 
 ARM = (0.3,)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.experiment.plan.passes import (
+from elastid.experiment.plan.friction import (
     PassLimits,
     PlannedPass,
     fastest_speed,

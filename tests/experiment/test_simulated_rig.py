@@ -22,7 +22,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 

@@ -11,7 +11,7 @@ from plants.limited_arm import EXCITATION, arm, experiment
 
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.closed_loop import closed_loop_of
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 

@@ -15,7 +15,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.friction_states import contacts
+from elastid.simulation.dynamics import contacts
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed (group oracles)")
 

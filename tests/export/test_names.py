@@ -28,7 +28,7 @@ from elastid.export.mujoco import write_mujoco
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.robot.urdf_elements import read_elements
+from elastid.robot.urdf import read_elements
 from elastid.study import load_robot
 
 STRIDE = 3

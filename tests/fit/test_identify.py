@@ -19,8 +19,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import SolverName, solve
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec
-from elastid.fit.weight_spec import FactorSpec, WeightSpec
+from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring

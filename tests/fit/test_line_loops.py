@@ -16,8 +16,7 @@ from elastid.fit.problem.line_loops import BATCH
 from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import FactorSpec, WeightSpec
+from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.sensitivity import Sensitivity
 from elastid.linear.response.transfer import to_response

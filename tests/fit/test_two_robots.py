@@ -22,8 +22,7 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
-from elastid.model.formulation import EXACT
-from elastid.model.serial import serial
+from elastid.model.formulation import EXACT, serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.notes import said
 
-from elastid.frf.checks.exchanged_channels import channel_notes
+from elastid.frf.checks import channel_notes
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 

@@ -19,10 +19,9 @@ from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local import regression
 from elastid.frf.local.bandwidth import local_modes, wide_windows
-from elastid.frf.local.regression import fit_ladder
+from elastid.frf.local.least_squares import WindowTerms, windows
+from elastid.frf.local.regression import fit_ladder, settled_spectra
 from elastid.frf.local.response import local_response
-from elastid.frf.local.transient import settled_spectra
-from elastid.frf.local.windows import WindowTerms, windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.store import read_fit

@@ -14,8 +14,8 @@ from plants.random_plants import ALL_PERIODS, ODD, N, nonlinear, record_of
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.checks.quality import coherences
 from elastid.frf.estimate import estimate
+from elastid.frf.quality import coherences
 from elastid.record import Configuration, Record
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.store import read_configurations, write_records

@@ -9,9 +9,8 @@ import pytest
 from plants import studies
 from plants.notes import said
 
-from elastid.frf.local.repeats import independent_excitations, merge_repeats
+from elastid.frf.local.regression import independent_excitations, merge_repeats, settled_spectra
 from elastid.frf.local.response import local_response
-from elastid.frf.local.transient import settled_spectra
 from elastid.frf.spec import EstimatorSpec
 
 study = studies.study("local_methods")

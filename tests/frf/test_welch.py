@@ -11,9 +11,10 @@ from plants.notes import said
 from scipy.signal import coherence, csd, lfilter
 
 from elastid.base.errors import DataError
-from elastid.frf import segments
+from elastid.frf import welch
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
+from elastid.frf.welch import Segments
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
@@ -109,6 +110,15 @@ def test_segments_of_a_long_record_are_bounded(monkeypatch: pytest.MonkeyPatch) 
     """To 400 numbers in four channels: 64 samples, where 30 s leave enough segments of 512."""
     record = noise_record(6000, 0)
     spec = EstimatorSpec(method="h1")
-    assert len(segments.make_segments([record], spec).window) == 512
-    monkeypatch.setattr(segments, "_MAX_NUMBERS", 400)
-    assert len(segments.make_segments([record], spec).window) == 64
+    assert len(welch.make_segments([record], spec).window) == 512
+    monkeypatch.setattr(welch, "_MAX_NUMBERS", 400)
+    assert len(welch.make_segments([record], spec).window) == 64
+
+
+def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch() -> None:
+    """Hann: 50 % overlap correlates neighbours by 1/6, so that their power by 1/36 (Welch, 1967); boxcar by 1/4."""
+    hann = np.sin(np.pi * np.arange(256) / 256) ** 2
+    assert Segments(hann, 256).independent(2560) == pytest.approx(10)
+    assert Segments(hann, 128).independent(1280) == pytest.approx(9 / (1 + 2 * (8 / 9) / 36), rel=1e-6)
+    assert Segments(np.ones(256), 128).independent(1280) == pytest.approx(9 / (1 + 2 * (8 / 9) / 4), rel=1e-9)
+    assert Segments(hann, 128).count(255) == 0

@@ -14,8 +14,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
 from elastid.friction.law import Curve
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
+from elastid.record import FrictionRecord
 
 PERIOD, LINES = 2000, np.arange(10, 161)
 

@@ -8,11 +8,11 @@ from plants.friction_records import records, simulated, template
 
 from elastid.app.identified_robot import robot_of_friction
 from elastid.app.summaries import friction_study_summary
-from elastid.friction_record import FrictionRecords
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels, turns_against_gravity
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.result import FrictionResult, JointLevels
+from elastid.record import FrictionRecords
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import (
     read_friction_plan,

@@ -14,11 +14,11 @@ from plants.friction_records import records, template
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import find_levels, levels_of_records
 from elastid.friction_study.passes import Pass
 from elastid.friction_study.spec import LawSpec
+from elastid.record import FrictionRecord
 
 # A motor of a large robot: rad/s and Nm on its side, gravity 3.7 times its friction.
 GRAVITY, OFFSET, RIPPLE, INERTIA = 3.5, 0.05, (0.06, 0.04), 7e-3

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from plants.friction_logs import INERTIA, RATIO, ROBOT
 
 from elastid.base.errors import DataError
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.joint_levels import check_sides, joint_inertia
 from elastid.friction_study.levels import PassLevels, find_levels
 from elastid.friction_study.pass_checks import angle_note, check_counts, check_loads
 from elastid.friction_study.passes import Pass
+from elastid.record import FrictionRecord
 
 RATE, N = 200.0, 400
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.passes import passes_of
+from elastid.record import FrictionRecord
 
 RATE, SPEED, COUNT = 1000.0, 0.4, 2e-5
 

@@ -9,7 +9,7 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 

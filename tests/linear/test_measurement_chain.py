@@ -12,7 +12,7 @@ from elastid.linear.measurement_chain import BUTTERWORTH, DifferenceElement, Lag
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Chain, ChannelGain
 

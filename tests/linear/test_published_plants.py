@@ -9,7 +9,7 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 

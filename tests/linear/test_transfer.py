@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from elastid.base.errors import StudyError
 from elastid.base.kernels import is_compiled
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.fitted_model import response_deviation
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
-from elastid.linear.propagation import response_deviation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response, to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring

@@ -21,7 +21,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response, to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.recorded.link_side import to_joints
 from elastid.response import Covariance

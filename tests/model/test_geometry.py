@@ -15,9 +15,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.formulation import formulate
+from elastid.model.formulation import formulate, serial
 from elastid.model.kinematics import skeleton
-from elastid.model.serial import serial
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import (

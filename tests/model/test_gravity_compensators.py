@@ -17,9 +17,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.transfer import to_response
-from elastid.model.frame_tree import tree, turns
-from elastid.model.points import between, seat
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
+from elastid.model.frame_tree import between, seat, tree, turns
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, GasSpring, Joint, Motor, Placement, Robot, Spring

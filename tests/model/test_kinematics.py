@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from elastid.model.formulation import serial
 from elastid.model.kinematics import link_angles, skeleton, tool_jacobian
-from elastid.model.serial import serial
 from elastid.robot import Body, Joint, Motor, Placement, Robot
 
 MOTOR = Motor(1e-3)

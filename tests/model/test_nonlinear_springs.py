@@ -17,14 +17,13 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import equilibrium, preloads, spring_notes
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.spring_preload import preloads, spring_notes
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Anchor, Body, Compensator, GasSpring, Joint, Motor, Placement, Robot, Spring
 

@@ -15,7 +15,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.study import load

@@ -10,8 +10,7 @@ from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
 from elastid.model.stick_figure import StickFigure, stick_figure
 from elastid.record import Configuration
-from elastid.report.modes.mode_drawing import ModeDrawing, mode_drawing
-from elastid.report.modes.mode_row import ModeRow
+from elastid.report.modes import ModeDrawing, ModeRow, mode_drawing
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 
 MOTOR = Motor(1e-3, 100.0, 2e-3)

@@ -14,8 +14,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.robot.friction import Friction
-from elastid.robot.presliding import LuGre, MaxwellSlip
+from elastid.robot.friction import Friction, LuGre, MaxwellSlip
 
 RATIO, TORQUE_RMS = (6.0, 5.0), (58.4, 30.6)
 # Nm on the link side: 0.16 of the torque.

@@ -13,11 +13,10 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Payload, Robot

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from elastid.design.friction import design_friction
-from elastid.experiment.plan.friction import FrictionPlan
-from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.result import true_numbers
+from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Robot
 from elastid.study import LoadedStudy, load
 

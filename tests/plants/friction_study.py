@@ -8,9 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
-from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign
-from elastid.experiment.plan.passes import PassLimits
-from elastid.friction_record import FrictionRecord
+from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
 from elastid.friction_study.at_rest import AtRest, RestPoint
 from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
@@ -19,6 +17,7 @@ from elastid.friction_study.presliding import Elements, Loops, Presliding
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
+from elastid.record import FrictionRecord
 from elastid.report.friction_content import FrictionContent
 
 # Of the elbow: level, slope by direction, gravity, offset, ripple over a turn, inertia, speed of the pass.

@@ -14,7 +14,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.statespace import state_space
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration, Hold
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse

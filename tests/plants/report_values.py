@@ -12,7 +12,7 @@ from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ReportContent
-from elastid.report.modes.mode_row import ModeRow
+from elastid.report.modes import ModeRow
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.agreement import validate
 from elastid.validation.results import Fold, Replay

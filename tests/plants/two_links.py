@@ -13,7 +13,7 @@ from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.drives import Drives
-from elastid.simulation.friction_states import Contacts, contacts
+from elastid.simulation.dynamics import Contacts, contacts
 from plants.integration import acceleration, runge_kutta
 
 FREE = np.array([[-np.inf, np.inf]] * 2)

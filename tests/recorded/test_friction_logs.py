@@ -21,7 +21,7 @@ from plants.friction_logs import (
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec
-from elastid.friction_record import FrictionRecord
+from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 
 Q = trapezoids([0.2, 0.5])

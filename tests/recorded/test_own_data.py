@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.base.errors import DataError
-from elastid.base.own_data import MAX_MEMBERS
+from elastid.base.files import MAX_MEMBERS
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents
 from elastid.store.description import described

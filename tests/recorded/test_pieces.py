@@ -11,7 +11,7 @@ import pytest
 from plants.lab_logs import N, measured, study_of, with_names
 
 from elastid import record as record_module
-from elastid.base import mapped
+from elastid.base import arrays
 from elastid.base.errors import DataError
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.frf import experiment_blocks
@@ -33,7 +33,7 @@ NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}
 def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything is large from 8000 values on, and worked on 6400 at a time."""
     for module, names in {
-        mapped: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
+        arrays: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
         frf_spectra: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
         record_module: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
     }.items():

@@ -9,15 +9,12 @@ from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair.clipping import CLIPPED, find_clipping
-from elastid.recorded.repair.clock import clock_drift, resampled
-from elastid.recorded.repair.delay import delay
-from elastid.recorded.repair.finding import Finding, Log, counts
+from elastid.recorded.repair import Finding, Log, counts
+from elastid.recorded.repair.clock import GAPS, at_times, clock_drift, delay, on_grid, resampled
+from elastid.recorded.repair.converter import CLIPPED, find_clipping, find_steps, step
 from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED, realigned
 from elastid.recorded.repair.missing import FILLED, filled
-from elastid.recorded.repair.quantisation import find_steps, step
 from elastid.recorded.repair.repeats import flat
-from elastid.recorded.repair.sample_times import GAPS, at_times, on_grid
 from elastid.recorded.repair.spikes import REPLACED, despiked
 
 N, P = 500, 6

@@ -16,8 +16,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec
 from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.periodicity import repetition
-from elastid.recorded.repair.clipping import find_clipping
-from elastid.recorded.repair.finding import Log
+from elastid.recorded.repair import Log
+from elastid.recorded.repair.converter import find_clipping
 from elastid.recorded.repair.stops import without_stops
 
 R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")

@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 from plants.report_values import TRUTH, fit_result, report_content
 
-from elastid.base.numbers import percent
-from elastid.fit.modification_index import ModificationIndex
-from elastid.report.model_lines import model_lines
-from elastid.report.next_steps import PRIOR_STD, next_steps
-from elastid.report.overview import half_width, numbers_answer, residual_sentence, strip, verdict_sentence, widest
-from elastid.report.parameter_rows import parameter_rows
+from elastid.base.display import percent
+from elastid.fit.result import ModificationIndex
+from elastid.report.content import model_lines, parameter_rows
+from elastid.report.overview import (
+    PRIOR_STD,
+    half_width,
+    next_steps,
+    numbers_answer,
+    residual_sentence,
+    strip,
+    verdict_sentence,
+    widest,
+)
 
 
 def rows_of(result):

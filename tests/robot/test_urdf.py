@@ -7,9 +7,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from elastid.base.errors import StudyError
+from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.model.serial import serial
 from elastid.robot import Robot
 from elastid.study import load_robot
 

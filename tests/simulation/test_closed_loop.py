@@ -13,13 +13,13 @@ from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Friction
 from elastid.simulation.closed_loop import CHUNK_SAMPLES, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.friction_states import contacts
+from elastid.simulation.dynamics import contacts
 
 
 def test_gravity_is_held_from_the_start() -> None:

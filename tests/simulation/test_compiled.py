@@ -14,7 +14,7 @@ import pytest
 from plants.two_links import FREE, arm, quiet, rough
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.simulation import compiled as module
 from elastid.simulation.closed_loop import Trajectory, closed_loop, simulate

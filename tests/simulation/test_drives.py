@@ -11,7 +11,7 @@ from plants.two_links import (
     quiet,
 )
 
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.simulation.closed_loop import simulate
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives, Lag, Ripple

@@ -22,7 +22,7 @@ from plants.two_links import (
 )
 
 from elastid.friction.static import SLIDING_VELOCITY
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.simulation.dynamics import fastest_rate
 
 

@@ -9,11 +9,9 @@ from hypothesis import given
 from plants.artefacts import QUICK, STAMP, complex_numbers, finite, names, same
 
 from elastid.base.note import Note
-from elastid.design.forecast import Forecast
-from elastid.design.limit_use import LimitUse
+from elastid.design.forecast import Forecast, LimitUse
+from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.plan.references import Reference
-from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration
 from elastid.store import (
     read_forecast,

@@ -8,7 +8,7 @@ from plants.friction_study import friction_result
 
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.friction_record import FrictionRecord, WarmUpLog
+from elastid.record import FrictionRecord, WarmUpLog
 from elastid.store import described
 from elastid.store.friction_study import (
     read_friction_plan,
@@ -54,7 +54,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
-    from elastid.experiment.plan.passes import PassReference
+    from elastid.experiment.plan.friction import PassReference
     from elastid.store.design import write_pass_reference
 
     ramp = np.arange(4.0)

@@ -11,7 +11,7 @@ from plants.artefacts import (
     some_fit,
 )
 
-from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import ModificationIndex
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.measurement_chain import DifferenceElement, LagElement
 from elastid.record import Configuration, HeldTorque
@@ -21,8 +21,7 @@ from elastid.store import (
     write_fit,
     write_validation,
 )
-from elastid.validation.resonances import Peak
-from elastid.validation.results import Agreement, Fold, Replay, Validation
+from elastid.validation.results import Agreement, Fold, Peak, Replay, Validation
 
 
 @pytest.mark.parametrize("n_starts", [0, 2])

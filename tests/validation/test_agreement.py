@@ -12,8 +12,7 @@ from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 from elastid.base.errors import StudyError
 from elastid.validation.agreement import agreement, validate
 from elastid.validation.residual_tests import above_2sigma
-from elastid.validation.resonances import antiresonances
-from elastid.validation.results import are_white, noise_p
+from elastid.validation.results import antiresonances, are_white, noise_p
 
 
 def random_matrix(seed, shape=(200, 2, 3)):

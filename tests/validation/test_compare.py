@@ -10,8 +10,7 @@ from plants.two_axes import ROBOT
 
 from elastid.base.errors import StudyError
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import FactorSpec, WeightSpec
+from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate

@@ -14,7 +14,7 @@ from elastid.model.formulation import EXACT
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
 from elastid.robot.simplified import without_friction
-from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
+from elastid.validation.elastic_twin import FittedTwin, elastic_runs
 from elastid.validation.twin_run import LINK, MOTION, TORQUE, TwinRun, describe_run
 
 TORQUE_STD, ANGLE_STD = 0.5, 2e-6

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from elastid.validation.noise_tests import (
+from elastid.validation.residual_tests import (
     FALSE_ALARM,
     exceeds_by_chance,
     falls_short_by_chance,

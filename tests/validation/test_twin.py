@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.motion import Motion, regress_motion
 from elastid.friction_study.result import JointFriction
+from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
 from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, octaves, torque_balance
 

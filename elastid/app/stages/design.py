@@ -16,10 +16,9 @@ from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Plan
-from elastid.experiment.plan.references import Reference, reference
-from elastid.experiment.simulated.closed_loop import feed_forward_of
-from elastid.experiment.simulated.plant import model_of
+from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction

@@ -21,14 +21,14 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.responses import ResponseFileSpec
 from elastid.experiment.specs.structure import Places
-from elastid.frf.checks.exchanged_channels import channel_notes
+from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Configuration, Record
-from elastid.recorded.naming import naming
+from elastid.recorded.files.formats import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.robot import Robot

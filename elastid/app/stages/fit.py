@@ -23,7 +23,7 @@ from elastid.fit.solve.multistart import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.parameter_rows import parameter_rows
+from elastid.report.content import parameter_rows
 from elastid.robot import Robot
 from elastid.store import read_fit, read_friction, read_responses, write_fit
 from elastid.study import Study

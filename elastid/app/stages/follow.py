@@ -11,18 +11,18 @@ import numpy as np
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
+from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
-from elastid.base.numbers import number
 from elastid.friction.robot_friction import PlacedLaw, frictions
-from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.filter_spec import FilterSpec
 from elastid.friction_study.follow import FollowedFriction, Motion, follow
 from elastid.friction_study.result import JointFriction
+from elastid.friction_study.spec import FilterSpec
+from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
-from elastid.simulation.held_joint import held_joint
+from elastid.simulation.elastic_joint import held_joint
 from elastid.store.friction_study import read_friction_records, read_friction_result, write_filter
 
 # Deflection at which bristles slip where no loop has identified it: counts of the encoder, or a share of the path.

@@ -19,17 +19,16 @@ from elastid.base.errors import FitError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.friction import design_friction
-from elastid.experiment.plan.friction import FrictionPlan, FrictionRig, PlannedMotion
-from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.plan.friction import FrictionPlan, FrictionRig, PlannedMotion, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.friction_record import FrictionRecord
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.spec import FrictionSpec, LoadSpec
+from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
@@ -51,8 +50,7 @@ from elastid.store.friction_study import (
 )
 from elastid.store.results import read_twin
 from elastid.study import Study
-from elastid.validation.friction_twin import friction_balances
-from elastid.validation.friction_twin_run import friction_runs
+from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
 

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work
 from elastid.base.note import Note
-from elastid.experiment.plan.plan import Experiment
-from elastid.experiment.plan.rig import Rig
+from elastid.experiment.plan.plan import Experiment, Rig
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places

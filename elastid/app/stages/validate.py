@@ -41,8 +41,14 @@ from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
-from elastid.validation.elastic_twin import ModelParts, elastic_balances, model_parts, rigid_linearisation
-from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
+from elastid.validation.elastic_twin import (
+    FittedTwin,
+    ModelParts,
+    elastic_balances,
+    elastic_runs,
+    model_parts,
+    rigid_linearisation,
+)
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec

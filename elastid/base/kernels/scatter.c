@@ -1,4 +1,4 @@
-/* The scatter of periods of `frf/scatter.py`: BATCH lines side by side. */
+/* The scatter of periods of `frf/experiment_blocks.py`: BATCH lines side by side. */
 
 #include "lanes.h"
 

@@ -1,15 +1,180 @@
-"""The plan of a friction study: its motions, one joint at a time, and the contract of the rigs that carry it out."""
+"""The plan of a friction study: passes there and back, one joint at a time, and the contract of its rigs."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.passes import PassLimits, PlannedPass
-from elastid.friction_record import FrictionRecord, Purpose, WarmUpLog
-from elastid.record import Configuration
+from elastid.record import Configuration, FrictionRecord, Purpose, WarmUpLog
+
+# Slow passes cover a turn of the motor, but take no longer than the first; others dwell for the second where the window
+# has room, and at least for the third.
+LONGEST_S, USUAL_S, SHORTEST_S = 20.0, 1.0, 0.3
+# At rest between there and back.
+PAUSE_S = 0.5
+# Peak over mean acceleration of a ramp of velocity with continuous acceleration, 10 x^3 - 15 x^4 + 6 x^5.
+RAMP_PEAK = 15 / 8
+# Time constants in which a loop settles.
+SETTLING = 3.0
+
+
+@dataclass(frozen=True)
+class PassLimits:
+    """What a joint may do: window (2,) of its angle, velocity, acceleration; turn of the motor; bandwidth of its loop.
+
+    lag: by which the reference is ahead before the joint breaks away.  Link side: rad (m), rad/s, rad/s^2, rad, Hz.
+    """
+
+    place: str
+    window: tuple[float, float]
+    velocity: float
+    acceleration: float
+    turn: float
+    bandwidth_hz: float
+    lag: float = 0.0
+    slides: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Of its position: rad or m."""
+        return "m" if self.slides else "rad"
+
+    @property
+    def loop_settling_s(self) -> float:
+        """Time in which the loop settles."""
+        return SETTLING / (2 * math.pi * self.bandwidth_hz)
+
+    def settling_s(self, speed: float) -> float:
+        """Time after a ramp to a speed before the joint slides steadily."""
+        return self.loop_settling_s + self.lag / speed
+
+
+@dataclass(frozen=True)
+class PlannedPass:
+    """There and back between start and stop at `speed`; plateau: of each way, after ramp and settling, in s."""
+
+    name: str
+    speed: float
+    start: float
+    stop: float
+    plateau_s: float
+    is_reference: bool = False
+
+
+@frozen_value
+class PassReference:
+    """One pass there and back at rate_hz: position, velocity, acceleration (n,).
+
+    there, back: first sample of each plateau, and the one after its last.
+    """
+
+    rate_hz: float
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    there: tuple[int, int]
+    back: tuple[int, int]
+
+    @property
+    def time_s(self) -> float:
+        """How long it takes."""
+        return len(self.position) / self.rate_hz
+
+
+def plan_passes(
+    speeds: Sequence[float], repeat: int, limits: PassLimits, seed: int, reference_every_s: float = 300.0
+) -> tuple[PlannedPass, ...]:
+    """Every speed `repeat` times in random order, and the middle speed first, last and every reference_every_s between.
+
+    A speed that is given several times has as many passes.  Raises StudyError that names the speed for one that is too
+    fast for the joint or its window.
+    """
+    each = Counter(speeds)
+    planned = [planned_pass(speed, number, limits) for speed in each for number in range(each[speed] * repeat)]
+    order = np.random.default_rng(seed).permutation(len(planned))
+    middle = sorted(speeds)[len(speeds) // 2]
+    found, since, count = [_reference(middle, 0, limits)], 0.0, 1
+    for i in order:
+        found.append(planned[i])
+        since += pass_time(planned[i], limits)
+        if since > reference_every_s:
+            found.append(_reference(middle, count, limits))
+            since, count = 0.0, count + 1
+    return (*found, _reference(middle, count, limits))
+
+
+def ramp_time(speed: float, limits: PassLimits) -> float:
+    """Seconds from rest to a speed."""
+    return RAMP_PEAK * speed / limits.acceleration
+
+
+def pass_time(planned: PlannedPass, limits: PassLimits) -> float:
+    """Seconds of one pass there and back."""
+    return 2 * (planned.plateau_s + limits.settling_s(planned.speed) + 2 * ramp_time(planned.speed, limits) + PAUSE_S)
+
+
+def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> PassReference:
+    """Trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
+    ramp_s = ramp_time(planned.speed, limits)
+    settling_s = limits.settling_s(planned.speed)
+    steady_s = planned.plateau_s + settling_s
+    n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, steady_s, PAUSE_S))
+    x = (np.arange(n_ramp) + 0.5) / n_ramp
+    rise = x**3 * (10 - 15 * x + 6 * x**2)
+    way = np.concatenate([rise, np.ones(n_steady), rise[::-1], np.zeros(n_pause)])
+    sign = math.copysign(1.0, planned.stop - planned.start)
+    velocity = sign * planned.speed * np.concatenate([way, -way])
+    position = planned.start + np.cumsum(velocity) / rate_hz
+    acceleration = np.gradient(velocity) * rate_hz
+    settled = n_ramp + round(settling_s * rate_hz)
+    there = settled, n_ramp + n_steady
+    return PassReference(rate_hz, position, velocity, acceleration, there, (there[0] + len(way), there[1] + len(way)))
+
+
+def fastest_speed(limits: PassLimits) -> float:
+    """The highest speed whose pass fits into the window, within the joint's velocity."""
+    room = limits.window[1] - limits.window[0] - limits.turn - limits.lag
+    a, t = limits.acceleration / RAMP_PEAK, limits.loop_settling_s + SHORTEST_S
+    if room <= 0:
+        return 0.0
+    # room = v^2 / a + v t.
+    return float(min(limits.velocity, a / 2 * (math.sqrt(t**2 + 4 * room / a) - t)))
+
+
+def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
+    """One pass about the middle of the window; StudyError where it has no room."""
+    if speed > limits.velocity:
+        raise StudyError(
+            f"friction.passes.speeds: {limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
+            f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity"
+        )
+    # Both ramps of smooth shape cover half of what their time would at full speed.
+    ramps, low, high = speed * ramp_time(speed, limits), *limits.window
+    settling = speed * limits.settling_s(speed)
+    least_s = float(np.clip(limits.turn / speed, SHORTEST_S, LONGEST_S))
+    plateau_s = max(least_s, min(USUAL_S, (high - low - ramps - settling) / speed))
+    travel = ramps + settling + speed * plateau_s
+    if travel > (high - low) * (1 + 1e-9):
+        raise StudyError(
+            f"friction.passes.window: a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
+            f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
+            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s"
+        )
+    middle = (low + high) / 2
+    return PlannedPass(f"{speed:.4g}-{number}", speed, middle - travel / 2, middle + travel / 2, plateau_s)
+
+
+def _reference(speed: float, number: int, limits: PassLimits) -> PlannedPass:
+    one = planned_pass(speed, number, limits)
+    return PlannedPass(f"reference-{number}", one.speed, one.start, one.stop, one.plateau_s, True)
 
 
 @frozen_value

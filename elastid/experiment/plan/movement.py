@@ -1,22 +1,18 @@
-r"""The movement under the multisine: rest, a slow sine, a filtered square wave of velocity, or a constant velocity.
-
-.. math:: q(t) = s(t)\, p(t), \quad s(\tau) = 10 \tau^3 - 15 \tau^4 + 6 \tau^5
-
-p: periodic movement, s: ramp from 0 to 1 and back, with continuous acceleration; a constant velocity is ramped as a
-velocity. Without sliding, friction looks like a spring to ground (LuGre's bristles); at a steady speed above the
-Stribeck region a small multisine sees viscous friction alone. A periodic carrier must have its lines outside the
-analysed ones, and below them, since friction makes harmonics of it.
-"""
+"""The movement under the multisine, the reference trajectories of a whole run, and their rehearsal."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
-from elastid.experiment.plan.plan import Plan
-from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.experiment.specs.simulated_checks import carrier_refusal
+from elastid.base.label import labelled
+from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
+from elastid.record import Configuration
 from elastid.robot import Robot
 
 # Amplitude, relative to the first, below which filtered harmonics of a square wave are left out.
@@ -144,3 +140,79 @@ def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan)
 def _time(plan: Plan) -> FloatArray:
     """Time (n,) in s from the start of the first period."""
     return np.asarray((np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz)
+
+
+# Torque (n, n_u) of the rigid robot on a movement of n samples about a configuration.
+FeedForward: TypeAlias = Callable[[Configuration, Movement], FloatArray]
+
+
+@frozen_value
+class Reference:
+    """One whole run in one configuration, each (n, n_u): rad, rad/s, rad/s^2, Nm, link side; scale (n,), 0 to 1.
+
+    The injected torque at sample i is scale[i] times the experiment's period at (i - first_sample) mod N.
+    """
+
+    configuration: Configuration
+    rate_hz: float
+    first_sample: int
+    position: FloatArray = labelled("position of each motor, link side", "rad", "time_s inputs")
+    velocity: FloatArray = labelled("velocity of each motor, link side", "rad/s", "time_s inputs")
+    acceleration: FloatArray = labelled("acceleration of each motor, link side", "rad/s^2", "time_s inputs")
+    feed_forward: FloatArray = labelled("feed-forward torque of each motor, link side", "N*m", "time_s inputs")
+    scale: FloatArray = labelled("factor on the torque of the experiment, 0 at rest", "", "time_s")
+
+    def injected(self, period: FloatArray) -> FloatArray:
+        """r (n, n_u) of a whole run from one period (N, n_u) of torque."""
+        sample = np.arange(-self.first_sample, len(self.scale) - self.first_sample)
+        return np.asarray(self.scale[:, None] * period[sample % len(period)])
+
+
+def reference(
+    plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward, configuration: Configuration
+) -> Reference:
+    """The reference of one configuration."""
+    path = movement(carrier, plan)
+    # At rest all samples are the same.
+    torque = feed_forward(configuration, path if carrier is not None else path.first)
+    return Reference(
+        configuration,
+        plan.rate_hz,
+        plan.first_sample,
+        configuration.angles + path.position,
+        path.velocity,
+        path.acceleration,
+        np.broadcast_to(torque, path.position.shape),
+        path.scale,
+    )
+
+
+@frozen_value
+class Rehearsal:
+    """Motor angles and torques (n, n_u) of a whole run, rad and Nm, link side; its periods begin at first_sample."""
+
+    experiment: Experiment
+    rate_hz: float
+    first_sample: int
+    position: FloatArray = labelled("angle of each motor, link side", "rad", "time_s inputs")
+    torque: FloatArray = labelled("torque of each motor, link side", "N*m", "time_s inputs")
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time (n,), 0 where the periods begin."""
+        return np.asarray((np.arange(len(self.torque)) - self.first_sample) / self.rate_hz)
+
+    @property
+    def signals(self) -> FloatArray:
+        """(4, n, n_u): torque, position about the configuration, velocity, acceleration, in the order of the limits."""
+        motion = self.position - self.experiment.configuration.angles, *derivatives(self.position, self.rate_hz)
+        return np.array([self.torque, *motion])
+
+
+def derivatives(x: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative (n, c) of x (n, c), of sixth order; the run begins and ends at rest."""
+    padded = np.pad(x, ((3, 3), (0, 0)), mode="edge")
+    f = [padded[i : i + len(x)] for i in range(7)]
+    first = (45 * (f[4] - f[2]) - 9 * (f[5] - f[1]) + f[6] - f[0]) * (rate_hz / 60)
+    second = (2 * (f[6] + f[0]) - 27 * (f[5] + f[1]) + 270 * (f[4] + f[2]) - 490 * f[3]) * (rate_hz**2 / 180)
+    return first, second

@@ -1,10 +1,11 @@
-"""Plan: configurations x realisations x experiments x periods, and the torque spectra to be injected."""
+"""Plan: configurations x realisations x experiments x periods, their torque spectra, and the contract of a rig."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -13,13 +14,12 @@ from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError, index_of
 from elastid.base.label import labelled
 from elastid.excitation.grids import line_frequencies
-from elastid.excitation.lines import planned_lines
 from elastid.excitation.multisine import synthesise
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.plan.torque_spectra import PredictClosedLoop, torque_spectra
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places
-from elastid.record import Configuration, drive_unit
+from elastid.record import Configuration, Record, drive_unit
 from elastid.robot import Robot
 
 
@@ -191,3 +191,16 @@ def make_plan(
         hold_samples=round(experiment.hold * excitation.rate_hz),
         sliding=robot.sliding(robot.motor_locations),
     )
+
+
+class Rig(Protocol):
+    """Something that can be measured, one experiment at a time, in any order and in any process (it pickles)."""
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """All experiments that it can run."""
+        ...
+
+    def measure(self, experiment: Experiment) -> Record:
+        """Run one experiment; the same experiment gives the same record, bit for bit."""
+        ...

@@ -15,17 +15,16 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan, PlannedMotion, PlannedWarmUp
-from elastid.experiment.simulated.friction_run import FrictionRun, holding_torque, path_of
+from elastid.experiment.simulated.friction_run import FrictionRun, heat_of, holding_torque, path_of
 from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
-from elastid.experiment.simulated.heating import heat_of
 from elastid.experiment.simulated.plant import Plant, check_steps, model_of, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import extrapolated, torque_notes
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.linear.equilibrium import equilibrium
+from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
-from elastid.robot.loaded import with_point_mass
+from elastid.robot.simplified import with_point_mass
 from elastid.simulation.closed_loop import Trajectory
 
 # Angles of a pass at which the model's holding torque is averaged.

@@ -1,20 +1,27 @@
-"""The simulated plant: the true robot as equations, alone and in its closed loop."""
+"""The simulated plant: the true robot as equations, alone and in its closed loop, and its linear prediction."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
+from elastid.experiment.plan.movement import FeedForward, Movement
+from elastid.experiment.plan.torque_spectra import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippleSpec
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.linear.linearise import Linearisation
+from elastid.linear.measurement_chain import torque_elements
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
@@ -22,8 +29,8 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
-from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
-from elastid.simulation.friction_states import contacts
+from elastid.simulation.controller import feed_forward, tune
+from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
 
 # Of a robot that is simulated beside its log: each is unrolled in the equations, which take seconds to build beyond.
 MAX_SUBSTEPS = 40
@@ -113,3 +120,53 @@ def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: flo
             f"{plant.model.robot.name} in configuration {point.configuration.name} (a pole of {rate:.4g} 1/s: its "
             f"stiffest mode, or friction at standstill); take at least {needed}, or raise {rate_key}"
         )
+
+
+def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
+    """The closed-loop response of the nominal robot under a controller sampled at rate_hz, as `make_plan` takes it.
+
+    It raises StudyError where a configuration has no equilibrium.
+    """
+    return partial(_closed_loop_response, robot, controller, rate_hz)
+
+
+def _closed_loop_response(
+    robot: Robot, controller: ControllerSpec, rate_hz: float, configuration: Configuration, freq_hz: FloatArray
+) -> ClosedLoopResponse:
+    linearisation = _linearisation(robot)
+    model = linearisation.model
+    linear = linearisation.at(configuration, model.theta, model.inputs, "position")
+    linear = replace(linear, chain=torque_elements(robot.chain), gains=())  # the controller reads motions as they are
+    q0 = equilibrium(model, model.theta, configuration).q
+    gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
+    s = 2j * np.pi * freq_hz[:, None, None]
+    z_inverse = np.exp(-s / rate_hz)
+    hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]
+    P = hold * frequency_response(linear, linear.theta_ref, freq_hz)
+    F = np.diag(gains.kp) + (1 - z_inverse) * rate_hz * np.diag(gains.kd)
+    F = (1 + gains.ki / rate_hz * z_inverse / (1 - z_inverse)) * F
+    torque = np.linalg.inv(np.eye(model.n_u) + F @ P)
+    position = P @ torque
+    return ClosedLoopResponse(torque, position, s * position, s**2 * position)
+
+
+@lru_cache(maxsize=4)
+def _linearisation(robot: Robot) -> Linearisation:
+    return Linearisation.of(model_of(robot))
+
+
+def feed_forward_of(model: ElasticModel) -> FeedForward:
+    """The feed-forward torque of a rigid robot, as `reference` takes it."""
+
+    def torque(configuration: Configuration, path: Movement) -> FloatArray:
+        q0 = equilibrium(model, model.theta, configuration).q
+        signals = np.stack([path.position, path.velocity, path.acceleration])
+        return _feed_forward(model, tuple(q0.tolist()), signals.shape, signals.tobytes())
+
+    return torque
+
+
+@lru_cache(maxsize=4)
+def _feed_forward(model: ElasticModel, q0: tuple[float, ...], shape: tuple[int, ...], path: bytes) -> FloatArray:
+    """The torque (n, n_u) along a path (3, n, n_u), kept since all runs of a configuration follow the same one."""
+    return frozen(feed_forward(model, np.array(q0), *np.frombuffer(path).reshape(shape)))

@@ -13,18 +13,23 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.movement import check_movement
+from elastid.experiment.plan.movement import Reference, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.plan.references import Reference, reference
-from elastid.experiment.simulated.closed_loop import feed_forward_of
-from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_motions, friction_of_a_run, loads_of
-from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, plant_of, true_robot
+from elastid.experiment.simulated.hardware import (
+    Noise,
+    draw_noise,
+    filter_motions,
+    friction_of_a_run,
+    loads_of,
+    logged_quantity,
+    sense,
+    sense_movement,
+)
+from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
-from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.experiment.specs.simulated_checks import chain_refusal
+from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec

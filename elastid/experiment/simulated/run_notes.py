@@ -16,7 +16,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.robot import Robot
 from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Trajectory
-from elastid.simulation.friction_states import Contacts
+from elastid.simulation.dynamics import Contacts
 
 # m between the ends of a loop that a simulation may leave without a note.
 MAX_VIOLATION_M = 1e-6

@@ -1,4 +1,4 @@
-"""The `simulated` section of an experiment: controller, carrier and equations of the simulated rig."""
+"""The `simulated` section of an experiment: controller, carrier, heat and equations of the simulated rig."""
 
 from __future__ import annotations
 
@@ -8,18 +8,60 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.section import Key, section
 from elastid.base.units import (
+    Conductance,
     Frequency,
     JointPosition,
     JointVelocity,
     Quantity,
+    Temperature,
+    TemperatureRise,
     Time,
 )
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
-from elastid.experiment.specs.heat import HeatSpec
 from elastid.model.spec import ModelSpec
+from elastid.robot import Robot
+
+
+@section
+class HeatSpec:
+    r"""Heat of each joint of a friction study, for friction laws that have a `temperature`.
+
+    .. math:: C \dot T = \tau_f v - h (T - T_a)
+    """
+
+    # fmt: off
+    conductance: Annotated[Conductance, Key("Thermal conductance h from the joint to the room.", "smaller for hotter "
+        "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.")]
+    time_constant: Annotated[Time, Key("Thermal time constant C / h of the joint.", "45 minutes are usual for gears of "
+        "medium robots; larger gears take up to two hours.")] = 2700.0
+    ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "that of the hall; losses count from it, and "
+        "joints start there unless `start` is given.")] = 20.0
+    start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
+        "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
+    thermometer_std: Annotated[TemperatureRise, Key("Standard deviation of the logged temperature; one error for each "
+        "motion.", "0.5 to 2 K for sensors on the housing; its error goes into the numbers of the temperature law as "
+        "one per motion.")] = 0.0
+    has_thermometer: Annotated[bool, Key("Temperatures are logged if true.", "false for robots that log none; the law "
+        "then has no temperature terms, and drift shows as scatter.")] = True
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """Refuse a joint without heat capacity, or one that nothing cools."""
+        if not self.conductance > 0 or not self.time_constant > 0:
+            raise ValueError(
+                f"conductance is {self.conductance:g} W/K and time_constant {self.time_constant:g} s; both must be "
+                "positive"
+            )
+        if self.thermometer_std < 0:
+            raise ValueError(f"thermometer_std is {self.thermometer_std:g} K; it must not be negative")
+
+    @property
+    def start_degc(self) -> float:
+        """Of every joint at the start."""
+        return self.ambient if self.start is None else self.start
 
 
 @section
@@ -165,3 +207,40 @@ class SimulatedSpec:
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
         if self.substeps < 1:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
+
+
+def saturation_refusal(robot: Robot) -> str:
+    """Why torques of this robot cannot be clipped; empty where they can."""
+    if any(math.isfinite(joint.limits.torque) for joint in robot.driven):
+        return ""
+    return "no joint has limits.torque, so that nothing can be clipped; give limits: {torque: ...} in the robot's file"
+
+
+def chain_refusal(robot: Robot) -> str:
+    """Why a rig that logs positions cannot have the robot's measurement chain; empty where it can."""
+    if robot.chain.differentiator is None:
+        return ""
+    return (
+        f"robot {robot.name}: chain.differentiator: the simulated rig logs positions and differentiates nothing; leave "
+        "it out of the robot's chain"
+    )
+
+
+def carrier_refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_u: int) -> str:
+    """A sentence where a periodic carrier is not below all analysed lines, or moves other than n_u motors.
+
+    An empty text where nothing is wrong.  lines: excited and left free for detection.  spacing_hz: 1 / period.
+    """
+    lowest = int(lines.min())
+    if carrier.kind != "offset" and carrier.cycles >= lowest:
+        return (
+            f"{carrier.cycles} cycles a period are {carrier.cycles * spacing_hz:g} Hz, not below the lowest excited "
+            f"frequency of {lowest * spacing_hz:g} Hz; "
+            + (f"take at most {lowest - 1} cycles, or raise" if lowest > 1 else "raise")
+            + " excitation.band_hz"
+        )
+    for what, values in (("velocities", carrier.velocity), ("amplitudes", carrier.amplitude)):
+        given = np.size(0.0 if values is None else values)
+        if given not in (1, n_u):
+            return f"{given} {what} for {n_u} motors; give one for all or one for each"
+    return ""

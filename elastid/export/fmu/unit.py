@@ -1,14 +1,4 @@
-r"""A fitted robot as functional mock-up units for co-simulation, one of FMI 2.0 and one of 3.0.
-
-The whole nonlinear robot with its friction, integrated by Runge-Kutta steps of its own, torque as input and beside it
-a sampled controller whose gains are 0 until they are set:
-
-.. math:: u_k = u_{in} + k_p (q_{ref} - q_k) + k_d (\dot q_{ref} - (q_k - q_{k-1}) / T_s) + k_i T_s \sum e
-
-The stiffnesses, masses and friction numbers are tunable by their names; all torques and angles are on the link side.
-Encoders and drives are ideal, and the delay of the measurement is left out. The sources are inside, so that a unit can
-be built for any system; a library for this one is inside where a C compiler was found.
-"""
+"""A fitted robot as functional mock-up units for co-simulation, FMI 2.0 and 3.0, with its equations in C."""
 
 from __future__ import annotations
 
@@ -28,15 +18,60 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.export.fmu.description import IDENTIFIER, SOURCES, build_description, description_2, description_3
-from elastid.export.fmu.equations import equations, write_equations
-from elastid.export.fmu.variables import Layout, layout
+from elastid.export.fmu.description import (
+    IDENTIFIER,
+    SOURCES,
+    Layout,
+    build_description,
+    description_2,
+    description_3,
+    layout,
+)
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
-from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
-from elastid.simulation.friction_states import contacts
+from elastid.model.elastic import ElasticModel
+from elastid.simulation.baumgarte import projection
+from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
 from elastid.store import replacing
+
+
+def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
+    """acceleration, bristles, readings and, with loops, closing; dense.
+
+    acceleration(q, v, z, u, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at constant v.
+    readings(q, v) -> angles and speeds of the motors, angles of the joints.  closing(q, v, theta) -> q, v on the loops.
+    """
+    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
+    theta, friction = ca.SX.sym("theta", len(model.theta)), ca.SX.sym("friction", len(contacts.curves))
+    step = ca.SX.sym("step")
+    B, n_l = ca.DM(model.B), len(model.robot.joints)
+    torque = B @ u - contacts.torque(v, z, friction)
+    accelerate = free_acceleration(model, theta=theta)
+    readings = [B.T @ q, B.T @ v, q[:n_l]]
+    built = [
+        _dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
+        _dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
+        _dense("readings", [q, v], readings),
+    ]
+    if model.n_c:
+        built.append(_dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
+    return tuple(built)
+
+
+def write_equations(folder: Path, functions: tuple[ca.Function, ...]) -> None:
+    """equations.c and equations.h."""
+    generator = ca.CodeGenerator("equations.c", {"with_header": True})
+    for function in functions:
+        generator.add(function)
+    generator.generate(f"{folder}/")
+
+
+def _dense(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
+    """A function whose results have no structural zeros."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
+
 
 # Rate of the controller until it is set.
 RATE_HZ = 1000.0

@@ -33,8 +33,7 @@ from elastid.fit.diagnosis.misreadings import (
 )
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.sensitivities import channel_delays, gear_ratios, posture_angles, rate_column
-from elastid.fit.modification_index import ModificationIndex
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, ModificationIndex
 
 
 def _gain(index: ModificationIndex) -> str:

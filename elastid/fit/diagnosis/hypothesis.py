@@ -28,9 +28,8 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.least_squares import error_gain
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, ModificationIndex
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.uncertainty.covariance import Uncertainty
 

@@ -34,10 +34,9 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.inertia_barrier import find_border_inertias
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, ModificationIndex
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet

@@ -21,8 +21,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.prediction import Prediction, Reading, evaluate, predict, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name
 
 Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]

@@ -23,8 +23,8 @@ from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.result import ModificationIndex
 
 # Configurations that fit worst are tried in each other's place, so many.
 MAX_EXCHANGED = 8

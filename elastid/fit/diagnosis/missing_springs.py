@@ -32,13 +32,13 @@ from elastid.base.errors import FitError
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
+from elastid.fit.result import ModificationIndex
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.factor import factor
+from elastid.linear.response.hold_images import factor
 from elastid.parameters import Parameter, ParameterSet, Tie
 
 # Springs are looked for where nothing else explains so much of the excess.

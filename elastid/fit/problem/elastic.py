@@ -18,12 +18,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.fit.problem.compressed_residuals import CompressedResiduals
+from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
-from elastid.fit.problem.normal_equations import NormalEquations
-from elastid.fit.weights.full_covariance import Whitening
-from elastid.fit.weights.weights import Weights
+from elastid.fit.weights.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns

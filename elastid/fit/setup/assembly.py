@@ -27,12 +27,10 @@ from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquare
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.solve.local_optimum import LocalOptimum, distance, is_far_from_noise
 from elastid.fit.solve.solvers import FINE, solve
-from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.weights import Weights, weigh
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linearise import Linearisation
-from elastid.linear.spring_preload import spring_notes
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet

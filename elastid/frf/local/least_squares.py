@@ -1,23 +1,78 @@
-r"""Local least squares at every line at once: a low-order rational model of response and transient in each window.
-
-.. math:: A_k(r) Z_e(k + r) = B_k(r) R_e(k + r) + T_{k,e}(r) + A_k(r) V_e(k + r), \quad A_k(0) = 1
-
-B, T are polynomials in the offset r, T of each experiment e its own; A is a scalar polynomial that all outputs and
-experiments share, as they share the poles (A = 1: the local polynomial method). Response and transient at the line are
-B_k(0) and T_k(0). Rows are divided by |A| of the iteration before (Sanathanan and Koerner), so that their noise is V
-again: the estimate is free of the bias of the plain linear problem, and its residual is the noise, not A times it.
-(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010; McKelvey and Guerin, SYSID 2012, for the rational form.)
-"""
+"""Local least squares at every line: a low-order rational model of response and transient in a window of bins."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.frf.local.windows import Windows, WindowTerms
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.frf.matrices import adjoint
+
+
+@dataclass(frozen=True)
+class Windows:
+    """index (F, n_w) into the available bins; offset (F, n_w) from the line in [-1, 1]; span (F,) in bins."""
+
+    index: IntArray
+    offset: FloatArray
+    span: IntArray
+
+    def at(self, lines: slice) -> Windows:
+        """The windows of some lines."""
+        return Windows(self.index[lines], self.offset[lines], self.span[lines])
+
+
+def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
+    """Windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
+
+    >>> windows(np.array([2, 4, 6, 8, 10]), np.array([2, 6]), 3).index.tolist()
+    [[0, 1, 2], [1, 2, 3]]
+    """
+    n_w = min(n_w, len(available))
+    middle = np.searchsorted(available, lines)
+    start = np.clip(middle - n_w // 2, 0, len(available) - n_w)
+    index = start[:, None] + np.arange(n_w)
+    distance = available[index] - lines[:, None]
+    return Windows(
+        index=index,
+        offset=distance / np.maximum(np.abs(distance).max(axis=1, keepdims=True), 1),
+        span=(available[index[:, -1]] - available[index[:, 0]]).astype(np.int64),
+    )
+
+
+@dataclass(frozen=True)
+class WindowTerms:
+    r"""The terms of the fit in a window, of n_u inputs: A(r) Z = B(r) R + T(r).
+
+    order: degree of B, and of T where there is a transient.  poles: degree of A, 0 in the polynomial method.
+    """
+
+    n_u: int
+    order: int
+    poles: int
+    transient: bool
+
+    @property
+    def columns(self) -> int:
+        """Unknowns of B for each output."""
+        return self.n_u * (self.order + 1)
+
+    @property
+    def transient_columns(self) -> int:
+        """Unknowns of T for each output and experiment."""
+        return self.order + 1 if self.transient else 0
+
+    def degrees_of_freedom(self, n_w: int, experiments: int, n_z: int) -> float:
+        """Complex degrees of freedom of the residual of each of n_z outputs, which share the unknowns of A."""
+        return experiments * (n_w - self.transient_columns) - self.columns - self.poles / n_z
+
+    def width(self, dof: float, experiments: int, n_z: int) -> int:
+        """n_w, the fewest bins that leave dof degrees of freedom, but at least the unknowns of one element and T."""
+        n_w = self.transient_columns + math.ceil((dof + self.columns + self.poles / n_z) / experiments - 1e-9)
+        return max(n_w, self.order + self.poles + 1 + self.transient_columns)
+
 
 # Iterations of the denominator; further ones change it by less than the noise does.
 _ITERATIONS = 4

@@ -1,4 +1,4 @@
-"""The local regression at every line: a ladder of models, of which each line takes the simplest sufficient one."""
+"""The local regression at every line and the transient that it finds; repeats of one excitation as one experiment."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.local.least_squares import LocalFit, fit_block
-from elastid.frf.local.windows import Windows, WindowTerms
+from elastid.frf.local.least_squares import LocalFit, Windows, WindowTerms, fit_block, windows
+from elastid.record import MOTION_ORDER, Motion, Record
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
@@ -78,3 +79,151 @@ def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTe
     step = max(1, _BLOCK_NUMBERS // numbers)
     fits = [fit_block(Z, R, where.at(slice(i, i + step)), terms) for i in range(0, F, step)]
     return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
+
+
+# Degrees of freedom of the noise estimate beyond the number of outputs.
+_DOF_MARGIN = 5
+# Degree of the transient's numerator and denominator.
+_ORDER = 2
+_POLES = 2
+
+
+@dataclass(frozen=True)
+class SettledSpectra:
+    """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
+
+    noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin separates
+    the transient from the response: then it is still in Y and U, and noise is 0.
+    """
+
+    Y: ComplexArray
+    U: ComplexArray
+    R: ComplexArray | None
+    n_periods: float
+    settled: bool
+    noise: ComplexArray
+    dof: float
+
+
+def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
+    """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
+    P = record.n_periods - dropped
+    Z, R = _whole_spectra(record, quantity, dropped)
+    n_y, bins = len(record.outputs), lines * P
+    rest = _unexcited(len(Z), P, record.half_wave)
+    settled = len(rest) > _ORDER + _POLES + 1
+    at_lines = Z[bins]
+    noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
+    if settled:
+        fit = _transient(Z[rest], rest, bins, n_y)
+        at_lines = at_lines - fit.T[:, 0]
+        noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
+    return SettledSpectra(
+        Y=at_lines[:, :n_y],
+        U=at_lines[:, n_y:],
+        R=None if R is None else R[bins],
+        n_periods=P,
+        settled=settled,
+        noise=noise,
+        dof=dof,
+    )
+
+
+def _whole_spectra(record: Record, quantity: Motion, dropped: int) -> tuple[ComplexArray, ComplexArray | None]:
+    """[Y, U] (B, n_y + n_u) and R (B, n_u) at all bins of the record: outputs as `quantity`, torque as it acts."""
+    used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
+    n = used.stop - used.start
+    freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
+    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        Y = _spectra(record.y[used]) * (2j * np.pi * freq_hz[:, None]) ** order
+    hold = record.hold_response(freq_hz)
+    R = None if record.r is None else _spectra(record.r[used])
+    return np.concatenate([Y, _spectra(record.u[used]) * hold], axis=1), R
+
+
+def _spectra(signals: FloatArray) -> ComplexArray:
+    return np.asarray(rfft(signals, axis=0) * (2 / len(signals)))
+
+
+def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
+    """The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines."""
+    bins: IntArray = np.arange(1, n_bins - 1)
+    return np.asarray(bins[bins % 2 == 0] if half_wave and P == 1 else bins[bins % P != 0])
+
+
+def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
+    """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,)."""
+    ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
+    where = windows(rest, bins, ladder[-1].width(n_y + _DOF_MARGIN, 1, Z.shape[1]))
+    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
+
+
+# Inputs that differ by less than this part, after the best gain, are repeats.
+_MAX_DIFFERENCE = 0.2
+# Correlation of two inputs within a window from which on they count as one excitation; random phases have 0.3.
+_MAX_CORRELATION = 0.5
+
+
+def independent_excitations(R: ComplexArray, n_w: int) -> int:
+    """Number of the inputs R (E, F, n_u) that differ within windows of n_w lines, by more than a complex factor."""
+    E, F, _ = R.shape
+    if E == 1:
+        return 1
+    parts = np.array_split(R, max(1, F // n_w), axis=1)
+    grams = np.array([np.einsum("efu,gfu->eg", part, part.conj()) for part in parts])
+    powers = np.einsum("cee->ce", grams).real
+    both = np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0)
+    # Where the inputs are strong counts most.
+    correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
+    leaders: list[int] = []
+    for e in range(E):
+        if all(correlation[e, leader] < _MAX_CORRELATION for leader in leaders):
+            leaders.append(e)
+    return len(leaders)
+
+
+def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[SettledSpectra]:
+    """One experiment for each excitation, in order; those that occur once stay as they are.
+
+    closed: the reference excites; otherwise the inputs do.
+    """
+    groups: list[list[SettledSpectra]] = []
+    for each in spectra:
+        own = next((g for g in groups if _gain(_driver(g[0], closed), _driver(each, closed)) is not None), None)
+        if own is None:
+            groups.append([each])
+        else:
+            own.append(each)
+    return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
+
+
+def _driver(spectra: SettledSpectra, closed: bool) -> ComplexArray:
+    return spectra.R if closed and spectra.R is not None else spectra.U
+
+
+def _gain(of: ComplexArray, other: ComplexArray) -> float | None:
+    """c with other = c of up to a small difference, both (F, n_u); None where there is none."""
+    power, own = np.sum(np.abs(of) ** 2), np.sum(np.abs(other) ** 2)
+    if power == 0 or own == 0:
+        return None
+    c = float(np.sum(of.conj() * other).real / power)
+    return c if np.sum(np.abs(other - c * of) ** 2) < _MAX_DIFFERENCE**2 * own else None
+
+
+def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
+    """The combination of records with proportional inputs that has all of the input."""
+    gains = [_gain(_driver(group[0], closed), _driver(each, closed)) or 1.0 for each in group]
+    pairs = [(each.n_periods * c, each) for c, each in zip(gains, group, strict=True)]
+    total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
+    known = [weight * each.R for weight, each in pairs if each.R is not None]
+    dof = sum(each.dof for each in group)
+    return SettledSpectra(
+        Y=np.sum([weight * each.Y for weight, each in pairs], axis=0) / total,
+        U=np.sum([weight * each.U for weight, each in pairs], axis=0) / total,
+        R=np.sum(known, axis=0) / total if len(known) == len(group) else None,
+        n_periods=total,
+        settled=all(each.settled for each in group),
+        noise=np.sum([weight**2 * each.noise for weight, each in pairs], axis=0) / total**2,
+        dof=dof,
+    )

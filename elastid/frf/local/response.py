@@ -1,15 +1,4 @@
-r"""Frequency responses by local polynomial and local rational methods: one experiment of all inputs is enough.
-
-Open loop (no reference in the records): the local model leads from U to Y.  Closed loop: from the reference R, which
-is free of noise, to Z = [Y; U], and
-
-.. math:: G = G_{yr} G_{ur}^{-1}, \qquad dG = [I, -G]\, dG_{zr}\, G_{ur}^{-1}
-
-to first order, so that the noise that feedback brings into U causes no bias.  All experiments and realisations of a
-configuration enter one regression.  Its residual holds noise and stochastic nonlinear distortion: their sum is
-`total`; `noise` comes from the bins between the excited ones.
-(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010, parts I and II.)
-"""
+"""Frequency responses by local polynomial and local rational methods: one experiment of all inputs is enough."""
 
 from __future__ import annotations
 
@@ -24,20 +13,56 @@ from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, described_lines
 from elastid.frf.local.bandwidth import local_modes, wide_windows
-from elastid.frf.local.fitted_response import fitted_response, separates_inputs
-from elastid.frf.local.least_squares import LocalFit
-from elastid.frf.local.model_error import with_model_error
-from elastid.frf.local.quality import local_quality, window_power
-from elastid.frf.local.regression import LadderFit, fit_ladder
-from elastid.frf.local.repeats import independent_excitations, merge_repeats
-from elastid.frf.local.transient import SettledSpectra, settled_spectra
-from elastid.frf.local.windows import Windows, WindowTerms, windows
+from elastid.frf.local.fitted_response import fitted_response, local_quality, separates_inputs, window_power
+from elastid.frf.local.least_squares import LocalFit, Windows, WindowTerms, windows
+from elastid.frf.local.regression import (
+    LadderFit,
+    SettledSpectra,
+    fit_ladder,
+    independent_excitations,
+    merge_repeats,
+    settled_spectra,
+)
 from elastid.frf.matrices import power
 from elastid.frf.measured_response import measured_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
+
+# Lines that are averaged, and the mean ratio above which a difference is more than noise.
+_LINES = 11
+_MIN_RATIO = 1.5
+
+
+def with_model_error(
+    covariance: Covariance, differences: Sequence[ComplexArray], variances: Sequence[FloatArray]
+) -> Covariance:
+    """The covariance of G with its model error, from its differences (F, n_y, n_u) to richer models of these variances.
+
+    A difference of 0 says nothing.  Outputs are widened as a whole, by the mean over their inputs, so that their
+    correlations stay.
+    """
+    error = np.zeros(covariance.variance.shape)
+    for difference, variance in zip(differences, variances, strict=True):
+        both = covariance.variance + variance
+        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+        g = _local_mean(ratio)
+        error = np.maximum(error, np.where(g > _MIN_RATIO, (g - 1) * both, 0.0))
+    relative = np.divide(error, covariance.variance, out=np.zeros(error.shape), where=covariance.variance > 0)
+    factor = np.sqrt(1 + relative.mean(axis=2))
+    right = None if covariance.right is None else factor[:, :, None] * covariance.right * factor[:, None, :]
+    return replace(covariance, variance=covariance.variance * factor[:, :, None] ** 2, right=right)
+
+
+def _local_mean(x: FloatArray) -> FloatArray:
+    """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
+    F = len(x)
+    total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
+    first = np.maximum(np.arange(F) - _LINES // 2, 0)
+    last = np.minimum(np.arange(F) + _LINES // 2 + 1, F)
+    return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
+
 
 # Degrees of freedom of a useful variance, at least: its standard deviation is then 40 %.
 _MIN_DOF = 6

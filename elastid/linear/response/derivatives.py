@@ -19,8 +19,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.rank_one_terms import as_rank_one
-from elastid.linear.response.sensitivity import Sensitivity
+from elastid.linear.response.sensitivity import Sensitivity, as_rank_one
 
 # Matrices of length one that differ by less than this are equal.
 EQUAL_TOLERANCE = 1e-12

@@ -23,10 +23,9 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.condensation import Leaves
-from elastid.linear.response.factor import factor
-from elastid.linear.response.hold_images import HoldImages, hold_images
+from elastid.linear.response.hold_images import HoldImages, factor, hold_images
 from elastid.linear.response.ldl import Elimination
-from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
+from elastid.linear.response.sensitivity import RankOneTerms, rank_one_terms
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.factor import factor
-from elastid.linear.response.hold_images import hold_images
+from elastid.linear.response.hold_images import factor, hold_images
 from elastid.response import FrequencyResponse
 
 

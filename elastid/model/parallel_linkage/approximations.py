@@ -24,10 +24,9 @@ from elastid.model.drivetrain import motor_coordinates
 from elastid.model.frame_tree import tree
 from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
 from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import Closure
-from elastid.model.parallel_linkage.rods import elastic
+from elastid.model.parallel_linkage.loop_closure import Closure, elastic
 from elastid.model.spec import Variant
-from elastid.model.spring_energy import Strain
+from elastid.model.springs import Strain
 from elastid.robot import Loop, Robot
 
 # Variants in which rods do not stretch and nothing bends inside a loop.

@@ -16,8 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.model.parallel_linkage.loop_closure import Closure, closures
-from elastid.model.parallel_linkage.null_space import RANK_TOLERANCE
+from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
 
 MAX_STEP = 0.05  # rad or m of a driven joint between two postures on the way

@@ -15,8 +15,7 @@ import casadi as ca
 
 from elastid.model.elastic import ElasticModel
 from elastid.model.open_chain import by_name, elastic_model, open_chain
-from elastid.model.parallel_linkage.loop_closure import closures
-from elastid.model.parallel_linkage.rods import stretching, with_rod_inertia
+from elastid.model.parallel_linkage.loop_closure import closures, stretching, with_rod_inertia
 from elastid.robot import Robot
 
 

@@ -1,24 +1,19 @@
-r"""Loop closure: the constraints of each loop on the joints' coordinates.
-
-.. math:: \varphi_{point} = p_2 - p_1, \qquad
-          \varphi_{rod} = \frac{|p_2 - p_1|^2 - (L + s)^2}{2 L}
-
-with s the rod's elongation. Points are seen from the last frame that carries both ends, so that a row holds the joints
-of its loop and no others. Rods stand between points in space: the loop follows elasticity out of its plane, and neither
-the rod's angles nor their redundant constraints exist.
-"""
+"""Loop closure: constraints of each loop, dependent coordinates by pivots of Phi, and rods as energies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.model.frame_tree import NUMBERS, Tree, Turn, located, tree, turns
-from elastid.model.points import between, last_common, position, seat
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import StudyError
+from elastid.model.elastic import ElasticModel
+from elastid.model.frame_tree import NUMBERS, Tree, Turn, between, last_common, located, position, seat, tree, turns
+from elastid.model.open_chain import Equations, by_name, with_coordinates, with_energies, with_strains
+from elastid.model.springs import Strain
 from elastid.robot import Axis, Loop, Pin, Robot, unit_axis
 
 
@@ -95,3 +90,162 @@ def _across(axis: Axis) -> tuple[FloatArray, FloatArray]:
     x = np.cross(helper, z)
     x /= np.linalg.norm(x)
     return x, np.cross(z, x)
+
+
+def with_rod_inertia(robot: Robot, of: Equations, found: Sequence[Closure], lumped: bool = False) -> Equations:
+    """The equations with mass and weight of all rods; lumped: a point mass at each end, (1 - a) m and a m."""
+    theta, gravity = by_name(of), ca.DM(robot.gravity)
+    for closure in found:
+        rod, name = closure.loop.rod, closure.loop.name
+        if rod is None:
+            continue
+        m, a, inertia = (theta[f"{letter}_{name}"] for letter in "maI")
+        first, second = closure.ends
+        if lumped:
+            masses = ((1 - a) * m, first), (a * m, second)
+        else:
+            masses = (m, (1 - a) * first + a * second), (inertia / closure.length**2, second - first)
+        for mass, point in masses:
+            of = _with_mass(of, mass, point)
+        of = with_energies(of, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(of.D.shape[0], of.D.shape[1]))
+    return of
+
+
+def _with_mass(of: Equations, mass: ca.SX, point: ca.SX) -> Equations:
+    """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
+    J = ca.jacobian(point, of.q)
+    velocity = J @ of.v
+    return replace(of, M=of.M + mass * J.T @ J, f=of.f + mass * J.T @ ca.jtimes(velocity, of.q, of.v))
+
+
+def elastic(found: Sequence[Closure]) -> list[Closure]:
+    """Those with an elastic rod."""
+    return [closure for closure in found if closure.loop.rod is not None and closure.loop.rod.is_elastic]
+
+
+def cut(of: Equations, found: Sequence[Closure]) -> Equations:
+    """Elastic rods as springs and dampers between their end points."""
+    theta = by_name(of)
+    for closure in elastic(found):
+        name = closure.loop.name
+        s = ca.norm_2(closure.gap) - closure.length
+        y = ca.gradient(s, of.q)
+        of = with_energies(of, theta[f"k_{name}"] * s**2 / 2, theta[f"d_{name}"] * y @ y.T)
+        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], s))
+    return of
+
+
+def stretching(of: Equations, found: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
+    """Elastic rods with a coordinate `rod <name>` each; and the rows that close all loops, stretched as they are."""
+    with_rod = elastic(found)
+    n = len(of.coordinates)
+    of = with_coordinates(of, [f"rod {closure.loop.name}" for closure in with_rod])
+    theta, rows = by_name(of), []
+    for closure in found:
+        if closure not in with_rod:
+            rows.append(closure.rows)
+            continue
+        name, i = closure.loop.name, n + with_rod.index(closure)
+        y = ca.DM(len(of.coordinates), 1)
+        y[i] = 1
+        of = with_energies(of, theta[f"k_{name}"] * of.q[i] ** 2 / 2, theta[f"d_{name}"] * ca.sparsify(y @ y.T))
+        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], of.q[i]))
+        rows.append(rod_row(closure, closure.length + of.q[i]))
+    return of, rows
+
+
+# A singular value or a pivot below this part of the largest is zero.
+RANK_TOLERANCE = 1e-9
+# Of a pivot beside its row; smaller ones are taken only where the preferred dependent coordinates are used up.
+MIN_PIVOT = 0.05
+
+
+@dataclass(frozen=True)
+class Partition:
+    """rows, dependent (n_r,): pivots, in the order of elimination.  independent (n_q - n_r,): the other coordinates."""
+
+    rows: IntArray
+    dependent: IntArray
+    independent: IntArray
+
+    def basis(self, Phi: FloatArray) -> FloatArray:
+        """Z (n_q, n_q - n_r) of Phi (n_c, n_q): the unit matrix for the independent coordinates."""
+        Z = np.zeros((Phi.shape[1], len(self.independent)))
+        Z[self.independent, range(len(self.independent))] = 1.0
+        rows = Phi[self.rows]
+        Z[self.dependent] = -np.linalg.solve(rows[:, self.dependent], rows[:, self.independent])
+        return Z
+
+
+def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
+    """Pivots of Phi (n_c, n_q) with complete pivoting, the loops' own coordinates before those that motors drive.
+
+    Raises StudyError where the coordinates that a minimal formulation asks for are not independent.
+    """
+    chosen = model.independent or ()
+    tier = np.array([_tier(model, name) for name in model.coordinates])
+    allowed = ~np.isin(model.coordinates, chosen)
+    rows: list[int] = []
+    dependent: list[int] = []
+    scale = np.abs(Phi).max(axis=1, initial=0.0, keepdims=True)
+    A = Phi / np.where(scale > 0, scale, 1.0)
+    rank = np.linalg.matrix_rank(Phi, tol=RANK_TOLERANCE * np.abs(Phi).max(initial=0.0)) if Phi.size else 0
+    passes = [(tier <= last) & allowed for last in range(int(tier.max()) + 1)]
+    for least, columns in [*((MIN_PIVOT, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
+        while len(rows) < rank:
+            size = np.abs(A) * columns
+            size[rows] = 0.0
+            row, column = np.unravel_index(int(np.argmax(size)), size.shape)
+            if size[row, column] <= least:
+                break
+            others = np.setdiff1d(np.arange(len(A)), [*rows, row])
+            A[others] -= np.outer(A[others, column] / A[row, column], A[row])
+            rows.append(int(row))
+            dependent.append(int(column))
+    if len(rows) < rank or (chosen and len(chosen) != model.n_q - rank):
+        raise StudyError(_dependent(model, chosen, int(rank), len(rows)))
+    independent = np.setdiff1d(np.arange(model.n_q), dependent)
+    return Partition(np.array(rows, np.int64), np.array(dependent, np.int64), independent)
+
+
+def _tier(model: ElasticModel, coordinate: str) -> int:
+    """0: elongations of rods and joints that nothing holds; then elastic joints, geared joints, motors."""
+    kind, _, name = coordinate.partition(" ")
+    if kind == "rod":
+        return 0
+    joint = next(joint for joint in model.robot.joints if joint.name == name)
+    if kind == "joint" and joint.is_passive:
+        return 1
+    if joint.motor is None:
+        return 2
+    return 3 if kind == "joint" and joint in model.robot.flexible else 4
+
+
+def _dependent(model: ElasticModel, chosen: Sequence[str], rank: int, reached: int) -> str:
+    needed = model.n_q - rank
+    if len(chosen) != needed:
+        return (
+            f"model.independent names {len(chosen)} coordinates, but {model.n_q} coordinates with {rank} independent "
+            f"constraints leave {needed}; there are {', '.join(model.coordinates)}"
+            + ("" if rank else " (elastic rods are cut and determine none of them)")
+        )
+    return (
+        f"model.independent: {', '.join(chosen)} are not independent here: with them held, the loops leave "
+        f"{rank - reached} of the other coordinates free; choose others, or leave the choice to the rank"
+    )
+
+
+def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:
+    """Z (n_q, n): columns span the null space of Phi (n_c, n_q); orthonormal, or of the independent coordinates."""
+    if model.independent is not None and (Phi.size or model.independent):
+        return partition(model, Phi).basis(Phi)
+    return null_space(Phi)
+
+
+def null_space(Phi: FloatArray) -> FloatArray:
+    """Z (n_q, n), orthonormal columns, of Phi (n_c, n_q); the unit matrix where there is no constraint."""
+    if not Phi.size:
+        return np.eye(Phi.shape[1])
+    _, s, Vt = np.linalg.svd(Phi)
+    rank = int(np.sum(s > RANK_TOLERANCE * s.max()))
+    return Vt[rank:].T

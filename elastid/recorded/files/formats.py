@@ -1,8 +1,4 @@
-"""The formats of log files: one row for each reader, chosen by the first bytes of a file.
-
-A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
-the entry point group `elastid.readers`.  `guarded` has a reader work in a process of its own.
-"""
+"""The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault."""
 
 from __future__ import annotations
 
@@ -139,3 +135,15 @@ def _guarded(path: Path, found: Format) -> Iterator[None]:
         raise
     except Exception as error:
         raise DataError(f"{path}: damaged, cut short or no {found.name} file ({error}); {found.advice}") from error
+
+
+@contextmanager
+def naming(path: Path, advice: str) -> Iterator[None]:
+    """DataError with the file and what to do, in the place of any exception that is no message for the user yet."""
+    try:
+        yield
+    except (ElastidError, MemoryError):
+        raise
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise DataError(f"{path}: {advice} ({why})") from error

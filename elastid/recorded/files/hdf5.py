@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.own_data import require_own_data
+from elastid.base.files import require_own_data
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 

@@ -1,9 +1,4 @@
-"""A log file of another program: its signals, by the names that they have in it.
-
-Every reader gives a `Log`.  Readers of formats that hold named arrays give an `ArrayLog`: names of members of structs
-are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torque`, of cells `run{2}`, HDF5 paths
-`axis1/torque`.
-"""
+"""A log file of another program: its signals by the names that they have in it; extras that read single formats."""
 
 from __future__ import annotations
 
@@ -13,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 
 # A message lists so many signals of a file.
@@ -182,3 +178,15 @@ def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:
     """Dates and times (n,) as s from the first one; missing ones are NaN."""
     return np.asarray((stamps - first) / np.timedelta64(1, "s"), dtype=np.float64)
+
+
+def imported(module: str, path: Path, kind: str, extra: str) -> Any:
+    """A module; StudyError with the command that installs it where it is not there."""
+    try:
+        return import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise StudyError(
+            f"{path}: {kind} is read by {package}, which is not installed; install it with `uv sync --extra {extra}` "
+            f"(or `pip install 'elastid[{extra}]'`)"
+        ) from None

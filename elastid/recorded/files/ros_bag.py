@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.extras import imported
-from elastid.recorded.files.log import ArrayLog, StoredArray
+from elastid.recorded.files.log import ArrayLog, StoredArray, imported
 
 # An MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder.
 _SIGNATURES = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")

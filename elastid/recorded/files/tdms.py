@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.extras import imported
-from elastid.recorded.files.log import ArrayLog, StoredArray, seconds
+from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -1,11 +1,4 @@
-r"""A log whose clock differs from the generator's: its period is no whole number of samples.
-
-Consecutive periods are then shifted by e = T - N samples, which their mean cross-spectrum C shows,
-
-.. math:: \hat e = \arg\max_e\, \mathrm{Re} \sum_k C_k e^{2 \pi j k e / N}, \quad C_k = \sum_p X_{p+1} X_p^*
-
-and the log is resampled at multiples of T / N: the generator's clock is taken as right.
-"""
+"""The clock of a log: uneven sample times, a clock that differs from the generator's, delay between two logs."""
 
 from __future__ import annotations
 
@@ -15,10 +8,136 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair.delay import correlation, refined_shift
-from elastid.recorded.repair.finding import Finding, Log, Repaired
-from elastid.recorded.repair.repeats import flat
-from elastid.recorded.repair.sample_times import at_times
+from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair.repeats import blocks, flat
+
+# Correlation at the best delay at least; below, the signals are not the same.
+MIN_CORRELATION = 0.5
+_NEWTON_STEPS = 5
+
+
+def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
+    """Delay of the second signal (n,) against the first, in samples from -N/2 to N/2, and their correlation there.
+
+    Of the mean periods, or of the whole signals without a period (N None); the fraction of a sample comes from the
+    phase of their cross-spectrum.
+    """
+    if N is None:
+        N = 2 * max(len(first), len(second))
+        first, second = (np.concatenate([x - x.mean(), np.zeros(N - len(x))]) for x in (first, second))
+    X, Y = (np.fft.rfft(blocks(x, N).mean(axis=0)) for x in (first, second))
+    C = Y * X.conj()
+    C[0] = 0.0
+    together = np.fft.irfft(C, N)
+    size = np.sqrt(np.sum(np.abs(X[1:]) ** 2) * np.sum(np.abs(Y[1:]) ** 2))
+    at = int(np.argmax(together))
+    whole = at - N if at > N // 2 else at
+    tau = refined_shift(C, N, float(whole))
+    return tau, correlation(C, N, tau) / size if size > 0 else 0.0
+
+
+def correlation(C: ComplexArray, N: int, shift: float) -> float:
+    """Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
+    return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
+
+
+def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
+    """The maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
+    turns = _turns(C, N)
+    for _ in range(_NEWTON_STEPS):
+        phasor = C * np.exp(turns * shift)
+        slope, bend = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
+        if bend >= 0:
+            return shift
+        shift -= float(np.clip(slope / bend, -0.5, 0.5))
+    return shift
+
+
+def _turns(C: ComplexArray, N: int) -> ComplexArray:
+    return (2j * np.pi * np.arange(len(C)) / N).astype(np.complex128)
+
+
+GAPS = "samples missing in time"
+# Times may jitter by this part of a sample.
+_MAX_JITTER = 0.3
+# Half width W in samples and shape beta of the Kaiser window.
+_HALF_WIDTH = 32
+_BETA = 9.0
+# The kernels of so many times are in memory together.
+_TIMES_AT_ONCE = 4096
+
+
+def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
+    """Signals (n, c) with a row of NaN for each sample that the times (n,) leave out.
+
+    Only the step from one sample to the next counts: a clock that is slightly off makes no gap.
+    Raises DataError where times do not increase or lie between samples.
+    """
+    if not np.isfinite(time_s).all():
+        place = log.at(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise DataError(f"{log.where}: the time is missing at {place}; cut that part off with samples")
+    steps = np.diff(time_s) * rate_hz
+    whole = np.round(steps).astype(np.int64)
+    bad = np.flatnonzero((whole < 1) | (np.abs(steps - whole) > _MAX_JITTER))
+    if bad.size:
+        raise DataError(
+            f"{log.where}: {bad.size} of {len(steps)} steps in time are no whole samples at {rate_hz:g} Hz, the first "
+            f"after {log.at(bad[0])} of {steps[bad[0]] / rate_hz:.6g} s (median {np.median(np.diff(time_s)):.6g} s); "
+            "correct rate_hz, or resample the log evenly"
+        )
+    row = np.concatenate([[0], np.cumsum(whole)])
+    lost = int(row[-1]) + 1 - len(signals)
+    if lost == 0:
+        return Repaired(signals)
+    result = np.full((int(row[-1]) + 1, signals.shape[1]), np.nan)
+    result[row] = signals
+    gaps = np.flatnonzero(whole > 1)
+    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.at(gaps[0])}"
+    return Repaired(result, (Finding(GAPS, lost, text),))
+
+
+def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
+    """Signals (n, c) at times (m,), in samples; beyond their ends they are continued periodically.
+
+    band: b, below 1 for a lower rate.
+    """
+    reach = int(np.ceil(_HALF_WIDTH / band))
+    before = reach + max(0, int(np.ceil(-times.min())))
+    after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
+    padded = _continued(signals, period, before, after)
+    result = np.empty((len(times), signals.shape[1]))
+    offsets = np.arange(-reach, reach + 1)
+    for first in range(0, len(times), _TIMES_AT_ONCE):
+        t = times[first : first + _TIMES_AT_ONCE]
+        nearest = np.round(t).astype(np.int64)
+        apart = band * ((t - nearest)[:, None] - offsets)
+        inside = np.clip(1 - (apart / _HALF_WIDTH) ** 2, 0.0, None)
+        kernel = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
+        # A constant stays a constant.
+        kernel /= kernel.sum(axis=1, keepdims=True)
+        result[first : first + _TIMES_AT_ONCE] = np.einsum(
+            "tk,tkc->tc", kernel, padded[nearest[:, None] + before + offsets]
+        )
+    return result
+
+
+def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
+    """Both ends continued periodically, each shifted so that a drift makes no jump."""
+    n = len(x)
+    # Each end and what lies beyond it, seen one period further inside.
+    left = _inside(x, np.arange(-before, 1.0) + period, period)
+    right = _inside(x, np.arange(n - 1.0, n + after) - period, period)
+    return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
+
+
+def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
+    """Values at times that are at most one period outside."""
+    whole = round(period)
+    if period != whole and len(x) > period + 2 * _HALF_WIDTH:
+        return at_times(x, times, whole)
+    nearest = np.round(times).astype(np.int64)
+    return np.asarray(x[np.where(nearest < 0, nearest % whole, np.where(nearest < len(x), nearest, nearest - whole))])
+
 
 RESAMPLED = "samples resampled"
 # Quartz clocks differ by less; a period that is off by more is stated wrong.

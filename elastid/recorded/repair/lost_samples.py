@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair.finding import Finding, Log, Repaired
+from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.repeats import flat
 
 DROPPED = "lost samples put back"

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair.finding import Finding, Log, Repaired
-from elastid.recorded.repair.quantisation import step
+from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.repeats import expected
 
 REPLACED = "spikes replaced"

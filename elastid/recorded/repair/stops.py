@@ -12,7 +12,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair.finding import Finding, Log, Repaired
+from elastid.recorded.repair import Finding, Log, Repaired
 
 STOPPED = "stops"
 # Windows of a repetition for long stops and for short ones, samples of one at least; so many in a row stand still.

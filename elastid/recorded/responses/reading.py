@@ -26,8 +26,7 @@ from elastid.recorded.files.log import ArrayLog, Log, StoredArray
 from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.arrays import dataset_table, struct_table, structs_in
-from elastid.recorded.responses.table import ResponseTable
-from elastid.recorded.responses.text import text_table
+from elastid.recorded.responses.table import ResponseTable, text_table
 from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
 

@@ -1,4 +1,4 @@
-"""The fit: costs of the multistart, correlations of the estimates, singular values of the scaled Jacobian."""
+"""The fit: parameters with intervals, costs of the starts, correlations, singular values, modification indices."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.fit.result import FitResult
+from elastid.report.content import ParameterRow
 from elastid.report.figures import style
 
 # Correlations of more are written into the matrix.
@@ -86,3 +87,138 @@ def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: fl
     for i, j in np.argwhere(np.abs(r) > MIN_WRITTEN_CORRELATION):
         if i != j:
             axes.text(j, i, f"{r[i, j]:.2f}", ha="center", va="center", color="white", fontsize=0.75 * size)
+
+
+# The percent axis ends there at most, and has so many steps to a side before it has decades only.
+MAX_PERCENT, MAX_STEPS = 300.0, 4
+
+
+@frozen_value
+class Scaled:
+    """The rows as columns on a common scale: y (n,), estimate (n,), interval (n, 2), truth (n,) NaN where unknown."""
+
+    y: FloatArray
+    estimate: FloatArray
+    interval: FloatArray
+    truth: FloatArray
+    at_bound: BoolArray
+
+    def percent(self, sign: FloatArray) -> Scaled:
+        """Deviation of these ratios from 1 in percent; sign (n,) of the reference, so that more is to the right."""
+        estimate, truth = 100 * sign * (self.estimate - 1), 100 * sign * (self.truth - 1)
+        return Scaled(self.y, estimate, 100 * sign[:, None] * (self.interval - 1), truth, self.at_bound)
+
+
+def forest(rows: Sequence[ParameterRow]) -> Figure:
+    """Left: ratio of start and estimate to a reference; right: deviation from it in percent.
+
+    The reference is the truth, or the estimate where no truth is known. Bars are 95 % intervals.
+    """
+    figure, ratio, percent = _panels(rows)
+    reference = np.array([row.reference for row in rows])
+    start = np.array([row.start for row in rows]) / reference
+    bounds = np.array([row.bounds for row in rows]) / reference[:, None]
+    ratios = Scaled(
+        y=np.arange(float(len(rows))),
+        estimate=np.array([row.estimate for row in rows]) / reference,
+        interval=np.array([row.interval for row in rows]) / reference[:, None],
+        truth=np.array([np.nan if row.truth is None else row.truth for row in rows]) / reference,
+        at_bound=np.array([row.at_bound for row in rows]),
+    )
+    low, high = _ratio_axis(ratio, np.concatenate([start, ratios.estimate, ratios.truth]))
+    ratio.plot(start, ratios.y, ls="none", marker="o", ms=5, mfc="none", color=style.START, label="start")
+    _draw(ratio, ratios)
+    near = (bounds > low) & (bounds < high)
+    if near.any():
+        y = np.broadcast_to(ratios.y[:, None], bounds.shape)[near]
+        ratio.plot(bounds[near], y, ls="none", marker="|", ms=9, color=style.WEAK, label="bound")
+    deviations = ratios.percent(np.sign(reference))
+    _draw(percent, deviations)
+    _percent_axis(percent, deviations)
+    style.add_legend(figure, (ratio, percent))
+    return figure
+
+
+def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
+    """Two axes with one row for each parameter, the first on top."""
+    size = 9.0, 0.26 * len(rows) + 1.7
+    left = min(3.15, 0.35 + 0.075 * max(len(row.name) for row in rows))
+    figure, ((ratio, percent),) = style.panels(1, 2, size, (left, 0.22, 0.85, 0.6), (0.06, 0.0), sharey=True)
+    style.set_names(ratio.yaxis, [row.name for row in rows])
+    ratio.set_ylim(len(rows) - 0.4, -0.6)
+    known = [row.truth is not None for row in rows]
+    to = "truth" if all(known) else "truth (estimate where none is known)" if any(known) else "estimate"
+    style.label(ratio, x=f"ratio to the {to}")
+    style.label(percent, x=f"deviation from the {to} in %")
+    style.add_title(figure, "Parameters")
+    return figure, ratio, percent
+
+
+def _draw(axes: Axes, rows: Scaled) -> None:
+    y, low, high = rows.y, rows.interval[:, 0], rows.interval[:, 1]
+    axes.hlines(y, low, high, color=style.MEASURED, lw=2.2, alpha=0.55, label="95 % interval")
+    for keep, marker, size, color, label in (
+        (~rows.at_bound, "o", 4.5, style.MEASURED, "estimate"),
+        (rows.at_bound, "s", 6.0, style.FITTED, "estimate at its bound"),
+    ):
+        if keep.any():
+            axes.plot(rows.estimate[keep], y[keep], ls="none", marker=marker, ms=size, color=color, label=label)
+    if np.isfinite(rows.truth).any():
+        axes.plot(rows.truth, y, ls="none", marker="|", ms=11, mew=1.4, color=style.TRUTH, label="truth")
+    style.lighten(axes)
+    axes.grid(axis="y", visible=False)
+
+
+def _ratio_axis(axes: Axes, shown: FloatArray) -> tuple[float, float]:
+    """Logarithmic, wide enough for starts, estimates and truths; what is not positive is not drawn."""
+    shown = shown[np.isfinite(shown) & (shown > 0)]
+    low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    style.set_plain_ticks(axes.xaxis, style.round_ticks(low, high, 7))
+    return low, high
+
+
+def _percent_axis(axes: Axes, rows: Scaled) -> None:
+    """Linear near zero, logarithmic beyond, so that 0.1 % and 100 % can be read in one figure, up to 300 %."""
+    half = (rows.interval[:, 1] - rows.interval[:, 0]) / 2
+    half = half[np.isfinite(half) & (half > 0)]
+    typical = float(np.percentile(half, 25)) if half.size else 1.0
+    reach = np.abs(np.column_stack([rows.interval, rows.estimate]))
+    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, MAX_PERCENT))
+    smallest = 10.0 ** round(math.log10(typical))
+    decades = [smallest * 10.0**decade for decade in range(7)]
+    steps = [step for step in sorted([*decades, *(3 * decade for decade in decades)]) if step <= 1.2 * largest]
+    steps = steps if len(steps) <= MAX_STEPS else [step for step in decades if step <= 1.2 * largest]
+    axes.set_xscale("symlog", linthresh=smallest)
+    axes.set_xlim(-1.3 * largest, 1.3 * largest)
+    style.set_plain_ticks(axes.xaxis, [*(-step for step in reversed(steps)), 0.0, *steps])
+    axes.tick_params(axis="y", length=0)
+    axes.axvline(0, color="#999999", lw=0.6, zorder=0)
+    for side, marker in ((1, ">"), (-1, "<")):
+        beyond = side * rows.estimate > 1.3 * largest
+        if beyond.any():
+            edge = np.full(int(beyond.sum()), side * 1.2 * largest)
+            axes.plot(edge, rows.y[beyond], marker, ms=6, color=style.FITTED, label="estimate off the scale")
+
+
+# Inches: of a bar, and beside the bars.
+BAR, WIDTH, LETTER = 0.24, 4.0, 0.075
+
+
+def modification_shares(result: FitResult) -> Figure:
+    """A bar for each, the first of the sequence filled dark."""
+    alone = [one for one in result.indices if not one.place][::-1]
+    first = {one.name for one in result.indices if one.place == 1}
+    left = 0.4 + LETTER * max(len(one.name) for one in alone)
+    height = 1.1 + BAR * len(alone)
+    figure = Figure(figsize=(left + WIDTH + 0.3, height))
+    axes = figure.add_axes((left / (left + WIDTH + 0.3), 0.55 / height, WIDTH / (left + WIDTH + 0.3), 1 - 1.1 / height))
+    colors = [style.FITTED if one.name in first else style.MEASURED for one in alone]
+    axes.barh(range(len(alone)), [min(100 * one.share, 100.0) for one in alone], color=colors, height=0.7)
+    style.set_names(axes.yaxis, [one.name for one in alone])
+    axes.set_xlim(0, 100)
+    style.label(axes, x="share of the excess of V, %")
+    style.lighten(axes)
+    style.add_title(figure, "What would explain the residuals beyond the noise")
+    return figure

@@ -13,16 +13,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
+from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.note import NoteGroup
-from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import ReportContent
+from elastid.report.content import ParameterRow, ReportContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.friction_rows import FrictionRow, friction_rows
-from elastid.report.modes.mode_row import ModeRow
+from elastid.report.friction_content import FrictionRow, friction_rows
+from elastid.report.modes import ModeRow
 from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
-from elastid.report.parameter_rows import ParameterRow, parameter_rows
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
 

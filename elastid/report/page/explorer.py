@@ -1,10 +1,13 @@
-"""The interactive FRF matrix of the page: its data, each number once as a 32-bit float in base64, and its scripts."""
+"""The interactive FRF matrix of the page: data as 32-bit floats in base64, scripts, and their content policy."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -13,9 +16,24 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.responses import configuration_title
-from elastid.report.page.embedding import asset
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
+
+
+def asset(*path: str) -> str:
+    """A file of this package as text, without indentation and lines that are comments, CSS without spaces."""
+    text = (files("elastid.report") / "page").joinpath(*path).read_text(encoding="utf-8")
+    if path[-1].endswith(".css"):
+        return re.sub(r"\s*([{};,])\s*|(?<=:) ", r"\1", text).strip()
+    lines = (line.strip() for line in text.splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))
+
+
+def script_policy(scripts: Iterable[str]) -> str:
+    """The hashes of the scripts, as script-src of a content security policy lists them."""
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    return " ".join(f"'sha256-{digest}'" for digest in digests)
+
 
 # Scripts of a page with curves, in the order in which they need one another.
 SCRIPTS = ("curves.js", "explorer.js", "first_screen.js")

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import number, percent
 from elastid.base.escape import embedded_json
-from elastid.base.numbers import number, percent
 from elastid.report.figures import style
-from elastid.report.modes.mode_drawing import ModeDrawing
-from elastid.report.modes.mode_row import ModeRow
-from elastid.report.page.embedding import asset
+from elastid.report.modes import ModeDrawing, ModeRow
+from elastid.report.page.explorer import asset
 
 # To the size of the robot.
 STEPS = 5000

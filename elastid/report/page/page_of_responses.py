@@ -6,18 +6,17 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.escape import file_names
 from elastid.base.execution import Execution
 from elastid.base.note import NoteGroup, grouped
-from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.peaks import Peak
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing, friction_drawings, quality_drawings, response_drawings
 from elastid.report.figures.responses import configuration_title
 from elastid.report.page.booklet import columns, friction_text, heading, text_pages, title_page
-from elastid.report.page.embedding import script_policy
-from elastid.report.page.explorer import explorer
+from elastid.report.page.explorer import explorer, script_policy
 from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
 from elastid.response import FrequencyResponse
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.design.robot_time import robot_time_refusal
-from elastid.design.spec import CandidateSpec, DesignSpec, interest
+from elastid.design.spec import CandidateSpec, DesignSpec, interest, robot_time_refusal
 from elastid.fit.setup.parameter_choice import choose
 from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem

@@ -8,9 +8,9 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_count_refusal
-from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
-from elastid.experiment.specs.simulated_checks import carrier_refusal
+from elastid.excitation.spec import planned_lines
+from elastid.experiment.specs.simulated import carrier_refusal
 from elastid.fit.setup.parameter_choice import choose
 from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem

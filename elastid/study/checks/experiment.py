@@ -9,8 +9,7 @@ from dataclasses import fields
 import numpy as np
 
 from elastid.experiment.specs.disturbances import WarmingSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
+from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal, saturation_refusal
 from elastid.robot import Joint, Robot
 from elastid.study.checks.fit import check_model
 from elastid.study.checks.names import check_place, check_units

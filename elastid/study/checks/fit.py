@@ -10,7 +10,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, is_match
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.setup.parameter_choice import choose, named_geometry
-from elastid.fit.weight_spec import misnamed
+from elastid.fit.spec import misnamed
 from elastid.model.spec import ModelSpec
 from elastid.robot import Body, Robot, unit_axis
 from elastid.study.checks.names import (

@@ -14,8 +14,7 @@ from plants.notes import said
 from elastid.fit.diagnosis.hypothesis import number_phrase
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.identify import identify
-from elastid.fit.modification_index import ModificationIndex
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, ModificationIndex
 
 
 @cache

@@ -18,8 +18,7 @@ from elastid.fit.diagnosis.prediction import evaluate
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.parameters import Parameter
 from elastid.record import Hold
 

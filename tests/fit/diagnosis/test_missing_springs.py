@@ -12,10 +12,10 @@ from plants.faults import FAULTS, SPEC, Case, drawn, true_case
 from elastid.fit.diagnosis.missing_springs import released
 from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 
 

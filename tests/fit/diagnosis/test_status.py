@@ -9,7 +9,7 @@ import pytest
 from plants.faults import FAULTS, SPEC, drawn, rubbing, true_case
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 
 WITH_FLOOR = replace(SPEC, weights=WeightSpec())
 # Here the model explains less than half of the responses.

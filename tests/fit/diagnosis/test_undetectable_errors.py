@@ -13,7 +13,7 @@ from elastid.fit.diagnosis import judge
 from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import WeightSpec
 
 
 def fitted(case: Case, noise: float = 0.005, seed: int = 0) -> FitResult:

@@ -17,7 +17,7 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring

@@ -11,11 +11,10 @@ from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import serial
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -195,7 +194,7 @@ def test_wrong_sets_of_responses_are_named(data):
 
 def test_weights_that_are_all_zero_are_named(data):
     """Nothing is left to fit, because the study says so."""
-    from elastid.fit.weight_spec import FactorSpec
+    from elastid.fit.spec import FactorSpec
 
     spec = FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0),)))
     with pytest.raises(DataError, match=r"nothing is left to fit: .*fit.weights leave no line"):

@@ -16,8 +16,7 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Chain, ChannelGain, Robot
 from elastid.study import load

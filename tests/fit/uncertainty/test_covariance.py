@@ -12,8 +12,8 @@ from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.fit.uncertainty.intervals import interval_errors
 from elastid.fit.uncertainty.profile import profiles
 from elastid.fit.weights.weights import weigh
+from elastid.linear.fitted_model import response_deviation, uncertain_modes
 from elastid.linear.modes import modes
-from elastid.linear.propagation import response_deviation, uncertain_modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, ParameterSet
 

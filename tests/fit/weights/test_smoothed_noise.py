@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, circular, plant
 
-from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import WeightSpec
+from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.noise_components import NoiseShapes, noise_model
 from elastid.fit.weights.smoothed_noise import smooth_noise
 from elastid.fit.weights.weights import weigh

@@ -7,8 +7,7 @@ import pytest
 from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
-from elastid.fit.spec import FitSpec
-from elastid.fit.weight_spec import FactorSpec, WeightSpec
+from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.fit.weights.smoothed_noise import smooth_variance
 from elastid.fit.weights.weights import check_factors, weigh
 from elastid.record import Configuration

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from plants.report_values import fit_result, lines_of
+from plants.report_values import TRUTH, fit_result, lines_of
 
-from elastid.fit.modification_index import ModificationIndex
-from elastid.report.figures.fit import identifiability, multistart_costs
-from elastid.report.figures.modification_indices import modification_shares
+from elastid.fit.result import ModificationIndex
+from elastid.report.content import parameter_rows
+from elastid.report.figures.fit import forest, identifiability, modification_shares, multistart_costs
+from elastid.report.page.page import rendered
 
 
 def test_the_multistart_figure_separates_hits_from_other_endings():
@@ -43,3 +44,41 @@ def test_the_figure_of_modification_indices_has_a_bar_for_each_alone():
     (axes,) = modification_shares(replace(fit_result(), indices=indices)).axes
     np.testing.assert_allclose([bar.get_width() for bar in axes.patches], [25.0, 100.0])
     assert [text.get_text() for text in axes.get_yticklabels()] == ["delay", "m_arm"]
+
+
+def test_the_forest_plot_shows_start_estimate_truth_and_bound_hits_as_ratios_to_the_truth():
+    """Ratios on a logarithmic axis, one row a parameter, the one at its bound marked."""
+    rows = parameter_rows(fit_result(), TRUTH)
+    ratio, percent = forest(rows).axes
+    drawn = lines_of(ratio)
+    assert ratio.get_xscale() == "log"
+    assert [label.get_text() for label in ratio.get_yticklabels()] == ["k_1", "k_2", "d_1", "x_c"]
+    truth = np.array(list(TRUTH.values()))
+    start = np.array([2e5, 4e5, 300.0, 0.1])
+    np.testing.assert_allclose(drawn["start"].get_xdata(), start / truth)
+    np.testing.assert_allclose(drawn["truth"].get_xdata(), [1, 1, 1, 1])
+    np.testing.assert_allclose(drawn["estimate at its bound"].get_ydata(), [2])
+    np.testing.assert_allclose(drawn["bound"].get_xdata(), 250 / 400)
+    # x_c is negative: -0.015 lies above -0.02, by a quarter of it.
+    np.testing.assert_allclose(lines_of(percent)["estimate"].get_xdata()[[0, 2]], [100 * (3.02 / 3 - 1), 25.0])
+    np.testing.assert_allclose(lines_of(percent)["truth"].get_xdata(), 0.0, atol=1e-9)
+
+
+def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known():
+    """All estimates at 1; unreachable parameters, whose interval is infinite, and zeros do not break it."""
+    result = fit_result()
+    covariance = np.array(result.covariance)
+    covariance[3, 3] = np.inf
+    ratio, _ = forest(parameter_rows(replace(result, covariance=covariance), None)).axes
+    np.testing.assert_allclose(lines_of(ratio)["estimate"].get_xdata(), [1, 1, 1])
+    assert "estimate" in ratio.get_xlabel()
+    zero = replace(result, x=np.array([0.0, 0.0, 0.0, 0.0]))
+    rendered(forest(parameter_rows(zero, {"x_c": 0.0})), "png")
+
+
+def test_an_estimate_that_is_far_off_is_marked_at_the_edge_of_the_percent_axis():
+    """Twenty times the truth: an arrow in its row instead of nothing."""
+    _, percent = forest(parameter_rows(fit_result(), TRUTH | {"k_2": 1.5e4})).axes
+    arrow = lines_of(percent)["estimate off the scale"]
+    assert arrow.get_ydata().tolist() == [1.0]
+    assert 0 < arrow.get_xdata()[0] < percent.get_xlim()[1]

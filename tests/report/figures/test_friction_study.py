@@ -14,14 +14,17 @@ from plants.report_values import lines_of
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.passes import passes_of
 from elastid.friction_study.spec import LawSpec
-from elastid.report.figures.friction_at_rest import friction_at_rest
-from elastid.report.figures.friction_conditions import conditions_of, friction_conditions
-from elastid.report.figures.friction_curve import Condition, friction_curve, residuals
-from elastid.report.figures.friction_drawings import friction_study_drawings
-from elastid.report.figures.friction_loops import friction_loops
-from elastid.report.figures.friction_motion import friction_motion
-from elastid.report.figures.friction_pass import friction_pass
-from elastid.report.figures.friction_warm_up import friction_warm_up
+from elastid.report.figures.drawings import friction_study_drawings
+from elastid.report.figures.friction_curve import (
+    Condition,
+    conditions_of,
+    friction_conditions,
+    friction_curve,
+    residuals,
+)
+from elastid.report.figures.friction_over_time import friction_warm_up
+from elastid.report.figures.friction_passes import friction_motion, friction_pass
+from elastid.report.figures.friction_presliding import friction_at_rest, friction_loops
 
 
 def bars_of(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:

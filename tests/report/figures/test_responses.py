@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from plants.report_values import FREQ_HZ, lines_of, pair
 
-from elastid.report.figures.panel_matrix import PanelMatrix
-from elastid.report.figures.responses import frf_magnitude, frf_phase, singular_values
+from elastid.report.figures.responses import PanelMatrix, frf_magnitude, frf_phase, singular_values
 from elastid.report.page.page import rendered
 from elastid.response import Covariance
 from elastid.validation.residual_tests import above_2sigma, sigma_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.report_values import FREQ_HZ, full_content, pair, report_content
 
-from elastid.report.model_lines import MAX_VALUES, model_lines
+from elastid.report.content import MAX_VALUES, model_lines
 from elastid.report.page.explorer import explorer
 from elastid.report.page.page import MAX_FIGURE_BYTES
 from elastid.validation.agreement import validate

@@ -12,8 +12,7 @@ import pytest
 from plants.arm_modes import drawn, mode_row
 from plants.report_values import report_content
 
-from elastid.report.modes.mode_drawing import ModeDrawing
-from elastid.report.modes.mode_row import ModeRow
+from elastid.report.modes import ModeDrawing, ModeRow
 from elastid.report.page.mode_viewer import mode_viewer
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 

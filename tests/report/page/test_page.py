@@ -17,14 +17,14 @@ from matplotlib import rc_context
 from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
+from elastid.base.display import number
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.base.numbers import number
-from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import ModificationIndex
 from elastid.parameters import ParameterSet
+from elastid.report.content import parameter_rows
 from elastid.report.figures.responses import frf_magnitude
 from elastid.report.page.page import DPI, EmbeddedFigure, html, rendered, within, write_report
-from elastid.report.parameter_rows import parameter_rows
 from elastid.validation.agreement import validate
 
 

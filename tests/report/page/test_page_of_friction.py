@@ -14,8 +14,7 @@ from plants import friction_study as study
 
 from elastid.friction_study.result import FrictionResult
 from elastid.report.friction_content import answer
-from elastid.report.page.friction_explorer import friction_explorer
-from elastid.report.page.page_of_friction import html_of_friction, write_page_of_friction
+from elastid.report.page.page_of_friction import friction_explorer, html_of_friction, write_page_of_friction
 
 
 @pytest.fixture(scope="module")

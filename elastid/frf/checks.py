@@ -1,0 +1,263 @@
+"""Checks of records around an estimate: they fit together, inputs are separate, channels are not exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.frf.experiment_blocks import Block, pooled
+from elastid.frf.lines import MIN_SNR, described_lines, smoothed_noise
+from elastid.frf.matrices import inverse, squared_magnitude
+from elastid.frf.methods import AVERAGED
+from elastid.record import MOTION_ORDER, Record
+from elastid.response import FrequencyResponse
+
+# Clocks of logs differ by so little that their lines are the same ones.
+_MAX_CLOCK_DIFFERENCE = 1e-4
+
+
+def refuse_mismatch(records: Sequence[Record]) -> None:
+    """DataError where the records of a configuration do not fit together, or there are none."""
+    if isinstance(records, Record):
+        raise TypeError("records is a single Record; give a sequence of them, such as [record]")
+    if not records:
+        raise DataError("there is no record to estimate a response from; measure at least one experiment")
+    first = records[0]
+    for record in records:
+        if not np.array_equal(record.configuration.angles, first.configuration.angles):
+            raise DataError(
+                f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
+                f"different angles; read_records(path, '{first.configuration.name}') reads those of one"
+            )
+    for record in records:
+        names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
+        # Without a period each record has its own length.
+        for name in [*names, "period_samples"] if first.is_periodic else names:
+            a, b = getattr(first, name), getattr(record, name)
+            is_same = abs(a - b) <= _MAX_CLOCK_DIFFERENCE * a if name == "rate_hz" else a == b
+            if not is_same:
+                raise DataError(
+                    f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
+                    f"together: {name} is {a} and {b}; make two configurations of them"
+                )
+
+
+def refuse_single_period(records: Sequence[Record], method: str) -> None:
+    """DataError where a record holds less than two periods, which leave no noise level."""
+    short = [record.name for record in records if record.n_samples < 2 * record.repeat_samples]
+    if short:
+        raise DataError(
+            f"records {', '.join(short)} of configuration {records[0].configuration.name} hold one period, method "
+            f"{method} needs two; measure more, or take estimator.method local_rational"
+        )
+
+
+def refuse_few_experiments(groups: Sequence[Sequence[Record]], method: str) -> None:
+    """DataError where a realisation, or all of them for a method that pools them, has too few experiments."""
+    first = groups[0][0]
+    n_u = len(first.inputs)
+    if method in AVERAGED:
+        counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
+    else:
+        counts = {"all realisations": sum(map(len, groups))}
+    for what, count in counts.items():
+        if count < n_u:
+            raise DataError(
+                f"configuration {first.configuration.name}, {what}: {count} experiments for "
+                f"{n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least {n_u} that move the inputs "
+                "in different ways (number them as its experiments 0, 1, ...)"
+            )
+
+
+# Power of the weakest over the strongest combination of inputs, below which rounding decides.
+_MIN_POWER_RATIO = 1e-12
+# Realisations whose inputs differ by less than this part have the same phases.
+_SAME_PHASES_DIFFERENCE = 0.2
+# So many lines, evenly taken, show that as well as all.
+_MAX_LINES = 1000
+
+
+def separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
+    """Flags (F,) of the lines with separate inputs: in every realisation if each gives a response, else in all of them.
+
+    Raises DataError where there is no such line.
+    """
+    if method in AVERAGED:
+        return np.asarray(np.all([_separated(*each) for each in zip(blocks, groups, strict=True)], axis=0))
+    return _separated(pooled(blocks), groups[0])
+
+
+def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
+    """Flags (F,) of the lines where every combination of the inputs stands out of the noise; DataError without any."""
+    rms, (_, n_u, E) = block.input_rms, block.U.shape
+    of_mean = block.input_noise * np.mean(1 / block.periods)
+    noise = MIN_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
+    total = squared_magnitude(block.U).sum(axis=2) @ (1 / (E * rms**2))
+    least = np.maximum(noise, _MIN_POWER_RATIO * total)
+    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
+    separated = _weakest_at_least(block, least)
+    doubtful = np.flatnonzero(~separated)
+    U = block.U[doubtful]
+    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms)))
+    separated[doubtful] = power[:, 0] > least[doubtful]
+    if not separated.any():
+        record = group[0]
+        ways = int(np.median(np.sum(power > least[:, None], axis=1)))
+        raise DataError(
+            f"configuration {record.configuration.name}, realisation {record.realisation}: its {E} experiments move "
+            f"the {n_u} inputs ({', '.join(record.inputs)}) in {ways} independent ways only, above the noise; "
+            "check for a file listed twice, an input that was not excited, and equal phases in all experiments"
+        )
+    return separated
+
+
+def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
+    """Flags (F,) of the lines where 1 / tr(S_U^-1) exceeds the least power; none where some matrix has no inverse."""
+    try:
+        E, n_u = block.W.shape[1:]
+        trace = E * (squared_magnitude(block.W).reshape(-1, E * n_u) @ np.tile(block.input_rms**2, E))
+    except np.linalg.LinAlgError:
+        return np.zeros(len(least), dtype=np.bool_)
+    return np.asarray(least * trace < 1)
+
+
+def left_out_note(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
+    """A note on the lines (F,) without separate inputs; DataError where no other line is left."""
+    names = f"lines {described_lines(lines, record)}"
+    if not some_are_left:
+        raise DataError(
+            f"configuration {record.configuration.name}: no line has separate inputs in every realisation: {names} are "
+            "lost in one or another; measure the weak realisations again"
+        )
+    return Note(
+        "lines-left-out",
+        f"{names} are left out: some combination of the inputs is less than 6 dB above its noise there, so that "
+        "outputs cannot be traced to inputs",
+    )
+
+
+def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
+    """A note on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
+    notes = []
+    for m in range(1, len(blocks)):
+        a, b = (each.U[:: -(-len(each.U) // _MAX_LINES)] for each in (blocks[m - 1], blocks[m]))
+        if a.shape == b.shape and np.linalg.norm(a - b) < _SAME_PHASES_DIFFERENCE * np.linalg.norm(a):
+            notes.append(
+                Note(
+                    "same-phases",
+                    f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
+                    "so the total variance misses the nonlinear distortion; draw new phases for every realisation",
+                )
+            )
+    return notes
+
+
+# The part of the lines, from the highest down, that is above the resonances.
+_HIGHEST_SHARE = 1 / 3
+# An exchange makes each element that it puts on the diagonal at least so large, and gains so much in the mean.
+_MIN_RELATIVE_GAIN = 0.7
+_MIN_MEAN_GAIN = 0.5
+# Delays that are allowed for: up to half a turn of phase at the highest line.
+_DELAY_TURNS = np.linspace(0.0, 0.5, 26)
+# A real part counts that differs from zero by so many standard deviations.
+_MIN_SIGMAS = 2.0
+# A sign is wrong where at least so many lines more are passive the other way round.
+_MIN_LINES = 3
+
+
+def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note where outputs (or inputs) of motors look exchanged; else one on each motor whose sign looks wrong."""
+    places = [name for name in response.inputs if name in response.outputs]
+    exchanged = _exchanged(response, places) if len(places) > 1 else {}
+    if not exchanged:
+        return _sign_notes(response, places)
+    pairs = ", ".join(f"y at {place} answers to u at {driven}" for place, driven in exchanged.items())
+    return (
+        Note(
+            "exchanged-channels",
+            f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
+            f"at {', '.join(exchanged)}",
+            f"configuration {response.configuration.name}",
+        ),
+    )
+
+
+def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
+    """Output place -> input place, for those of the places that another motor moves more than their own."""
+    rows = [response.outputs.index(place) for place in places]
+    columns = [response.inputs.index(place) for place in places]
+    G = response.G[-max(1, round(_HIGHEST_SHARE * response.n_lines)) :][:, rows][:, :, columns]
+    # Relative gains do not depend on scales; without this, units could make the matrix look singular.
+    G = G / _geometric_scale(G)
+    try:
+        inverse_G = inverse(G)
+    except np.linalg.LinAlgError:
+        return {}
+    if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse_G, axis=(1, 2))) < 1 / np.finfo(float).eps:
+        return {}
+    Lambda = np.median((G * np.swapaxes(inverse_G, 1, 2)).real, axis=0)
+    if np.array_equal(Lambda.argmax(axis=1), np.arange(len(places))):
+        return {}
+    from scipy.optimize import linear_sum_assignment  # slow to load, for the few responses that look exchanged
+
+    _, best = linear_sum_assignment(-Lambda)
+    on_best, on_own = Lambda[np.arange(len(places)), best], np.diag(Lambda)
+    moved = best != np.arange(len(places))
+    if (
+        not moved.any()
+        or on_best[moved].min() < _MIN_RELATIVE_GAIN
+        or np.mean(on_best[moved] - on_own[moved]) < _MIN_MEAN_GAIN
+    ):
+        return {}
+    return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
+
+
+def _geometric_scale(G: ComplexArray) -> FloatArray:
+    """Scales (n, n) of outputs times inputs."""
+    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
+    of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
+    return np.asarray(of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0)))
+
+
+def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, ...]:
+    """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
+    notes = []
+    few = slice(None, None, -(-response.n_lines // _MAX_LINES))
+    freq_hz, order = response.freq_hz[few], MOTION_ORDER["velocity"] - MOTION_ORDER[response.quantity]
+    j_omega = 2j * np.pi * freq_hz
+    for name in places:
+        j, i = response.outputs.index(name), response.inputs.index(name)
+        velocity = response.G[few, j, i] * j_omega**order
+        covariance = response.uncertainty
+        variance = np.zeros(len(velocity)) if covariance is None else covariance.variance[few, j, i]
+        # Half of the variance is in the real part.
+        std = np.sqrt(variance / 2) * np.abs(j_omega) ** order
+        as_is, _ = _passive_lines(freq_hz, velocity, std)
+        turned, negative = _passive_lines(freq_hz, -velocity, std)
+        if turned - as_is >= _MIN_LINES and turned > 2 * as_is:
+            notes.append(
+                Note(
+                    "wrong-sign",
+                    f"the sign of y or of u at {name} looks wrong: Re(velocity/torque) is negative beyond noise at "
+                    f"{negative} of {len(std)} lines, so the motor would be driven by its load; check sign, scale and "
+                    "gear ratio of its channels",
+                    f"configuration {response.configuration.name}",
+                )
+            )
+    return tuple(notes)
+
+
+def _passive_lines(freq_hz: FloatArray, velocity: ComplexArray, std: FloatArray) -> tuple[int, int]:
+    """Passive lines less active ones, and passive ones, at the delay with most of the former.
+
+    A line is passive where Re(velocity / torque) is positive beyond noise, and active where it is negative.
+    """
+    phase = np.exp(2j * np.pi * np.outer(_DELAY_TURNS, freq_hz / freq_hz[-1]))
+    real = (velocity * phase).real
+    positive, negative = (np.sum(sign * real > _MIN_SIGMAS * std, axis=1) for sign in (1, -1))
+    best = int(np.argmax(positive - negative))
+    return int(positive[best] - negative[best]), int(positive[best])

@@ -1,1 +1,0 @@
-"""Checks of a measurement: records that fit together, separate inputs, exchanged channels and signs, quality."""

@@ -1,0 +1,141 @@
+"""Nonlinear springs and gravity compensators: potentials, torques, deflection and stored energy in a small motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.model.drivetrain import series_torques, spring_deflections
+from elastid.model.frame_tree import Tree, Turn, between, located, seat
+from elastid.robot import Compensator, Robot
+
+
+def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
+    """The deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint.
+
+    A spring before coupled gears is deflected by a combination of all their q_m - q_a (`drivetrain`); one in series
+    with the spring of a motor's shaft has no deflection of its own.
+    """
+    gears = spring_deflections(robot)
+    return {
+        joint.name: ca.sparsify(ca.DM(gears[f"k_{joint.name}"])).T @ q if joint.is_flexible else q[i]
+        for i, joint in enumerate(robot.joints)
+        if joint.spring is not None and (not joint.is_flexible or f"k_{joint.name}" in gears)
+    }
+
+
+def nonlinear_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """V, a scalar, and dV/dq (n_q, 1) beyond the linear springs; theta maps the robot's names to symbols."""
+    V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
+    deflection = deflections(robot, q)
+    for joint in robot.joints:
+        if joint.spring is not None and not joint.spring.is_linear:
+            x = deflection[joint.name]
+            energy, torque = _beyond_linear(joint.name, x, theta)
+            V += energy
+            gradient += torque * ca.jacobian(x, q).T
+    return V, gradient
+
+
+def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
+    """theta (n_theta,) with every gap closed, k_i = k: the stiffness that motion meets once it crosses a gap."""
+    values = dict(zip(parameters, theta, strict=True))
+    return np.array([values[f"k_{name[3:]}"] if name.startswith("ki_") else value for name, value in values.items()])
+
+
+def tangents(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """d tau / d Delta of each joint's spring, by joint: the stiffness that small motion about q meets."""
+    return tangents_at(deflections(robot, q), theta)
+
+
+def tangents_at(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """The same at given deflections, by joint."""
+    x = ca.SX.sym("x")
+    stiffness = {name: theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x) for name in deflection}
+    return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
+
+
+def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    energy, torque = ca.SX(0), ca.SX(0)
+    if (k2 := theta.get(f"k2_{joint}")) is not None:
+        energy, torque = energy + k2 * x**3 / 3, torque + k2 * x**2
+    if (k2s := theta.get(f"k2s_{joint}")) is not None:
+        energy, torque = energy + k2s * ca.fabs(x) * x**2 / 3, torque + k2s * ca.fabs(x) * x
+    if (k3 := theta.get(f"k3_{joint}")) is not None:
+        energy, torque = energy + k3 * x**4 / 4, torque + k3 * x**2 * x
+    if (b := theta.get(f"b_{joint}")) is not None:
+        missing, e = (theta[f"k_{joint}"] - theta[f"ki_{joint}"]) / 2, theta[f"e_{joint}"] * b
+        energy -= missing * (_arch(x + b, e) - _arch(x - b, e) - 2 * _arch(b, e))
+        torque -= missing * (_root(x + b, e) - _root(x - b, e))
+    return energy, torque
+
+
+def _root(x: ca.SX, e: ca.SX) -> ca.SX:
+    """sqrt(x^2 + e^2), the smooth |x|."""
+    return ca.sqrt(x**2 + e**2)
+
+
+def _arch(x: ca.SX, e: ca.SX) -> ca.SX:
+    """F, the integral of `_root` from 0."""
+    return (x * _root(x, e) + e**2 * ca.asinh(x / e)) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Strain:
+    """A spring by its parameter's name: k_<joint>, km_<joint> or k_<rod>; stiffness c and deflection x, scalars."""
+
+    spring: str
+    stiffness: ca.SX
+    deflection: ca.SX
+
+
+def strains_of_joints(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[Strain, ...]:
+    """The springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols."""
+    tangent, shafts = tangents(robot, q, theta), spring_deflections(robot)
+    terms = [Strain(f"k_{joint}", tangent[joint], x) for joint, x in deflections(robot, q).items()]
+    terms += [Strain(name, theta[name], ca.DM(z).T @ q) for name, z in shafts.items() if name.startswith("km_")]
+    series = series_torques(robot, theta)
+    return (*terms, *(Strain(name, 1 / theta[name], torque @ q) for name, torque in series.items()))
+
+
+# m: two points that meet are kept this far apart, so that a coil without rest length has its derivatives there too.
+APART = 1e-9
+# Nodes of Gauss and Legendre for the gas: exact to 1e-14 for columns that change by a factor of 5.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+
+
+def compensators(
+    robot: Robot, layout: Tree, turned: tuple[Turn, ...], q: ca.SX, theta: Mapping[str, ca.SX]
+) -> tuple[ca.SX, ca.SX]:
+    """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `turned` turns are among q."""
+    V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
+    for compensator in robot.compensators:
+        first, second = (
+            (seat(robot, layout, end.body), located(f"pc{i}_{compensator.name}", end.point, theta))
+            for i, end in enumerate(compensator.ends, start=1)
+        )
+        square = ca.sumsqr(between(layout, turned, first, second))
+        L = ca.sqrt(square + APART**2)
+        energy, force = (_coil if compensator.coil is not None else _gas)(compensator, L, theta)
+        V += energy
+        gradient += force / (2 * L) * ca.gradient(square, q)
+    return V, gradient
+
+
+def _coil(compensator: Compensator, L: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    k, L0 = (theta[f"{letter}_{compensator.name}"] for letter in ("kc", "L0"))
+    return k * (L - L0) ** 2 / 2, k * (L - L0)
+
+
+def _gas(compensator: Compensator, L: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    F0, L0, h0, kappa = (theta[f"{letter}_{compensator.name}"] for letter in ("F0", "L0", "h0", "kappa"))
+    s = 1 if compensator.gas is not None and compensator.gas.action == "push" else -1
+    log = ca.log(h0 / (h0 + s * (L - L0)))
+    integral = sum(
+        weight / 2 * ca.exp((kappa - 1) * log * (1 + t) / 2) for t, weight in zip(_NODES, _WEIGHTS, strict=True)
+    )
+    return F0 * h0 * log * integral, -s * F0 * ca.exp(kappa * log)

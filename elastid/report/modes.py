@@ -1,0 +1,179 @@
+"""The modes of the identified model in one configuration: numbers, energies, shapes, and stick figures in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import field
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.model.stick_figure import StickFigure, StickKind
+from elastid.robot import Body, Joint, Robot, unit_axis
+
+# Displacement of the point that moves furthest, in sizes of the robot.
+SWING = 0.15
+# Displacements of less, in sizes of the robot for a mode whose largest entry is 1 rad (or 1 m), are rounding.
+MIN_DISPLACEMENT = 1e-6
+# Motion out of the best view, over the largest in it, of a mode that needs a second view.
+MIN_OUT_OF_PLANE = 0.1
+# Weight of a view that sees the robot end-on, where one that shows all of it at rest has 1.
+END_ON_WEIGHT = 0.25
+
+
+@frozen_value
+class ModeDrawing:
+    """points (n, 3) at rest in m, links between them, joints among them; moved (n, 3, n_m): displacements in m.
+
+    moved is complex: at the time t of a swing of 1 s a point is at points + Re(moved exp(2 pi j t)), damping left out;
+    at t = 0 and 1/2 it is furthest away. up: the vertical axis of the base; hanging: it points down.
+    """
+
+    points: FloatArray
+    links: tuple[tuple[int, int, StickKind], ...]
+    joints: tuple[int, ...]
+    moved: ComplexArray
+    up: int = 2
+    hanging: bool = False
+
+    def views(self, mode: int) -> tuple[tuple[int, int], ...]:
+        """Axes to the right and upwards of the view that shows most of a mode; and of the next, unless it is planar."""
+        across = ((self.up + 1) % 3, (self.up + 2) % 3)
+        planes = [(across[0], self.up), (across[1], self.up), across]
+        motion = (np.abs(self.moved[:, :, mode]) ** 2).sum(axis=0)
+        extent = np.ptp(self.points, axis=0) ** 2 / (np.ptp(self.points, axis=0) ** 2).sum()
+
+        def visible(plane: tuple[int, int]) -> float:
+            seen = list(plane)
+            return float(motion[seen].sum() * (END_ON_WEIGHT + (1 - END_ON_WEIGHT) * extent[seen].sum()))
+
+        planes.sort(key=visible, reverse=True)
+        largest = np.abs(self.moved[:, :, mode]).max(axis=0)
+        (missing,) = set(range(3)) - set(planes[0])
+        return tuple(planes[: 1 if largest[missing] <= MIN_OUT_OF_PLANE * largest.max() else 2])
+
+
+def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[float]) -> ModeDrawing | None:
+    """The drawing of mode shapes (n_l, n_m) in joint coordinates; None where no point is seen to move.
+
+    Motors are behind their gears and move no point. Each shape is turned to the phase in which its points are furthest
+    from rest, so that the drawing does not depend on the phase and length of the shape.
+    """
+    size = float(np.ptp(figure.points, axis=0).max())
+    moved = np.einsum("pal,lm->pam", figure.jacobian, shapes)
+    reach = np.linalg.norm(moved, axis=1).max(axis=0, initial=0.0)
+    moving = reach > MIN_DISPLACEMENT * size
+    if not size > 0 or not moving.any():
+        return None
+    moved = np.where(moving, moved, 0.0)
+    moved = moved * np.exp(-0.5j * np.angle((moved**2).sum(axis=(0, 1))))
+    flat = moved.real.reshape(-1, moved.shape[2])
+    sign = np.sign(np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0])
+    furthest = np.linalg.norm(moved.real, axis=1).max(axis=0)
+    moved = moved * np.divide(SWING * size * sign, furthest, out=np.zeros(len(sign)), where=moving)
+    up = int(np.argmax(np.abs(gravity))) if any(gravity) else 2
+    return ModeDrawing(figure.points, figure.links, figure.joints, moved, up, gravity[up] > 0)
+
+
+# Written: shares of a mode's energy, coordinates by their motion over the largest, and how many of each.
+MIN_SHARE, MIN_MOTION, MAX_WRITTEN = 0.05, 0.5, 4
+# Cosine of the angle between a link and the axis of its spring.
+MIN_TORSION_COSINE, MAX_BENDING_COSINE = 0.9, 0.5
+
+
+@frozen_value
+class ModeRow:
+    """Natural frequencies (n_m,) in Hz and damping ratios (n_m,) of the identified model in one configuration.
+
+    frequency_std, damping_std (n_m,): by the covariance of the parameters; empty where not known.
+    coordinates (n,), shapes (n, n_m): the largest entry of each mode is 1; empty where not known.
+    stores (n_e,), energy (n_e, n_m): names of the springs and last of the weight, and their shares of each mode's
+    potential energy; empty where not known.  drawing: None where no point of the robot is seen to move.
+    """
+
+    configuration: str
+    frequency_hz: FloatArray
+    damping_ratio: FloatArray
+    frequency_std: FloatArray = field(default_factory=lambda: np.empty(0))
+    damping_std: FloatArray = field(default_factory=lambda: np.empty(0))
+    coordinates: tuple[str, ...] = ()
+    shapes: ComplexArray = field(default_factory=lambda: np.empty((0, 0), complex))
+    stores: tuple[str, ...] = ()
+    energy: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    drawing: ModeDrawing | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes."""
+        n_m = len(self.frequency_hz)
+        for of, values in ((self.coordinates, self.shapes), (self.stores, self.energy)):
+            if of and values.shape != (len(of), n_m):
+                raise ValueError(f"an array is {values.shape}, of {len(of)} names ({of[0]}, ...) in {n_m} modes")
+
+    @property
+    def modes(self) -> list[tuple[float, float, float, float, str, str]]:
+        """Mode by mode: frequency, its std, damping ratio, its std, energy by spring, coordinates that move most.
+
+        NaN where a standard deviation is not known.
+        """
+        unknown = [np.nan] * len(self.frequency_hz)
+        columns = (self.frequency_hz, self.frequency_std, self.damping_ratio, self.damping_std)
+        numbers = [list(column) if len(column) else unknown for column in columns]
+        return list(zip(*numbers, self.energy_text, self._motion_text, strict=True))
+
+    @property
+    def energy_text(self) -> list[str]:
+        """Mode by mode the largest shares of the energy."""
+        if not self.stores:
+            return [""] * len(self.frequency_hz)
+        return [shares_in_words(self.stores, shares) for shares in self.energy.T]
+
+    @property
+    def _motion_text(self) -> list[str]:
+        """Coordinates that move at least half as far as the furthest, furthest first, with their direction."""
+        if not self.coordinates:
+            return [""] * len(self.frequency_hz)
+        return [
+            ", ".join(f"{self.coordinates[i]} {shape[i].real:+.2f}" for i in _largest(np.abs(shape), MIN_MOTION))
+            for shape in self.shapes.T
+        ]
+
+
+def shares_in_words(names: Sequence[str], shares: FloatArray) -> str:
+    """The largest shares (n_e,) of a mode's energy, as in '62 % gear 2, 25 % bending b2'.
+
+    >>> shares_in_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
+    '96 % gear 2, 10 % gear 1, -6 % weight'
+    """
+    return ", ".join(f"{100 * shares[i]:.0f} % {names[i]}" for i in _largest(np.abs(shares), MIN_SHARE))
+
+
+def _largest(magnitude: FloatArray, least: float) -> list[int]:
+    """Indices of the largest entries of at least so much, the largest first."""
+    return [i for i in np.argsort(-magnitude, kind="stable").tolist() if magnitude[i] >= least][:MAX_WRITTEN]
+
+
+def spring_names(robot: Robot) -> dict[str, str]:
+    """The name that an engineer gives the spring of each stiffness k_<joint>, km_<joint> or k_<rod>."""
+    names = {}
+    for body in robot.bodies:
+        for joint in body.joints:
+            names[f"k_{joint.name}"] = f"{'gear' if joint.motor is not None else _kind(body, joint)} {joint.name}"
+            names[f"km_{joint.name}"] = f"shaft of motor {joint.name}"
+    for loop in robot.loops:
+        names[f"k_{loop.name}"] = loop.name if "rod" in loop.name.lower() else f"rod {loop.name}"
+    return names
+
+
+def load_name(robot: Robot) -> str:
+    """The name of the stores of energy beside the springs."""
+    return "weight and compensators" if robot.compensators else "weight"
+
+
+def _kind(body: Body, joint: Joint) -> str:
+    """Bending or torsion where the spring of a joint without motor lies in a link along or across its axis."""
+    along = body.placement.rotation.T @ np.array(body.placement.xyz)
+    length = float(np.linalg.norm(along))
+    if joint.slides or length == 0 or any(other.motor is not None for other in body.joints):
+        return "joint"
+    cosine = abs(float(along @ unit_axis(joint.axis))) / length
+    return "torsion" if cosine > MIN_TORSION_COSINE else "bending" if cosine < MAX_BENDING_COSINE else "joint"

@@ -1,0 +1,331 @@
+"""FrequencyResponse: G (F, n_y, n_u) of one configuration, measured or modelled, with covariance and quality."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, fields, replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text, notebook_package
+from elastid.base.errors import check_kind, index_of
+from elastid.base.escape import control_label
+from elastid.base.label import labelled
+from elastid.base.note import Note
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
+
+CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
+
+
+@frozen_value
+class Covariance:
+    """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
+
+    full:       matrix (F, n_y n_u, n_y n_u) Hermitian
+    kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
+    diagonal:   the others are None; variance (F, n_y, n_u) only.
+    variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
+    variance scatters by 1 / sqrt(dof) of itself.
+    """
+
+    variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
+    dof: float = labelled("complex: the variance scatters by 1 / sqrt(dof) of itself")
+    left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
+    right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
+    matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
+
+    def __post_init__(self) -> None:
+        """Refuse negative or non-finite variances."""
+        if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
+            raise ValueError("a variance is negative or not finite")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Form, size and degrees of freedom."""
+        lines, n_y, n_u = self.variance.shape
+        return Display(f"Covariance of {n_y} x {n_u} at {lines} lines: {self.form}, {self.dof:.4g} degrees of freedom")
+
+    @property
+    def form(self) -> CovarianceForm:
+        """The form, by the factors that are known."""
+        if self.matrix is not None:
+            return "full"
+        return "diagonal" if self.left is None else "kronecker"
+
+    def full(self) -> ComplexArray:
+        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
+        F, n_y, n_u = self.variance.shape
+        if self.matrix is not None:
+            return self.matrix
+        if self.left is not None and self.right is not None:
+            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
+        diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
+        return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
+
+    def lines(self, keep: BoolArray) -> Covariance:
+        """The same on some of its lines; keep (F,) is True where a line stays."""
+        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
+        return Covariance(self.variance[keep], self.dof, left, right, matrix)
+
+
+def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
+    """The covariance of a response times a gain with |gain|^2 = power (F, 1, 1)."""
+    if covariance is None:
+        return None
+    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
+    return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)
+
+
+# Arrays of a Quality with the lines of its response.
+LINE_ARRAYS = (
+    "coherence",
+    "multiple_coherence",
+    "singular_values",
+    "input_singular_values",
+    "input_noise",
+    "output_noise",
+)
+
+
+@frozen_value
+class Levels:
+    """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
+
+    amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
+    """
+
+    freq_hz: FloatArray = labelled("frequency")
+    amplitude: FloatArray = labelled("RMS amplitude of the outputs", "{output_unit}", "freq_hz outputs")
+    noise: FloatArray = labelled("standard deviation of the noise in it", "{output_unit}", "freq_hz outputs")
+
+
+@frozen_value
+class Quality:
+    """Quality of a response at its F lines; even and odd have lines of their own.
+
+    coherence (F, n_y, n_u) and multiple_coherence (F, n_y), of single periods.  singular_values (F, min(n_y, n_u)) of
+    G, largest first.  input_singular_values (F, n_u) of the experiments' inputs, each input relative to its RMS: their
+    ratio is the condition of the input matrix.  input_noise (F, n_u) and output_noise (F, n_y): variance in one period.
+    excited: the outputs.  stochastic (F, n_y): RMS amplitude of the stochastic nonlinear distortion in them, or None.
+    even, odd: Y - G U at lines that were not excited, from nonlinearities of even and odd order, or None.
+    """
+
+    coherence: FloatArray = labelled("coherence of one output and one input", "", "freq_hz outputs inputs")
+    multiple_coherence: FloatArray = labelled("coherence of one output and all inputs", "", "freq_hz outputs")
+    singular_values: FloatArray = labelled("singular values of G, largest first", "{unit}", "freq_hz rank")
+    input_singular_values: FloatArray = labelled("singular values of the inputs over their RMS", "", "freq_hz rank")
+    input_noise: FloatArray = labelled("noise variance in one period", "({units_of_inputs})^2", "freq_hz inputs")
+    output_noise: FloatArray = labelled("noise variance in one period", "({output_unit})^2", "freq_hz outputs")
+    excited: Levels
+    stochastic: FloatArray | None = labelled("RMS distortion", "{output_unit}", "freq_hz outputs", default=None)
+    even: Levels | None = None
+    odd: Levels | None = None
+
+    @property
+    def condition(self) -> FloatArray:
+        """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
+        largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
+        with np.errstate(over="ignore"):
+            return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
+
+    def lines(self, keep: BoolArray) -> Quality:
+        """The same on some of the response's lines; keep (F,) is True where a line stays."""
+        cut = {name: getattr(self, name)[keep] for name in LINE_ARRAYS}
+        excited = Levels(*(getattr(self.excited, field.name)[keep] for field in fields(Levels)))
+        stochastic = None if self.stochastic is None else self.stochastic[keep]
+        return replace(self, **cut, excited=excited, stochastic=stochastic)
+
+
+@frozen_value
+class FrequencyResponse:
+    """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
+
+    noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
+    distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
+    distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
+    quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
+    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
+    is a voltage or a current.  bias (n_b, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of
+    each input, of which the size is known, each times a factor of unit variance for all lines: some that all
+    configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
+    errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
+
+    Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
+    """
+
+    freq_hz: FloatArray = labelled("frequency")
+    G: ComplexArray = labelled("frequency response, link side", "{unit}", "freq_hz outputs inputs")
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantity: Motion
+    configuration: Configuration
+    noise: Covariance | None = None
+    total: Covariance | None = None
+    rate_is_known: bool = True
+    notes: tuple[Note, ...] = field(default=())
+    distortion: Covariance | None = None
+    quality: Quality | None = None
+    repairs: Mapping[str, int] = field(default_factory=dict)
+    sliding: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
+    bias: ComplexArray | None = labelled(
+        "error by friction", "{unit}", "extent inputs freq_hz outputs inputs", default=None
+    )
+    correlated_lines: float = 1.0
+    hold: HeldTorque | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and arrays."""
+        check_kind(self.configuration, Configuration, "configuration", "Configuration(name, angles) makes one")
+        index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
+        shape = (len(self.freq_hz), len(self.outputs), len(self.inputs))
+        where = f"response of {self.configuration.name}"
+        if self.G.shape != shape:
+            raise ValueError(f"{where}: G has shape {self.G.shape}, expected (F, n_y, n_u) = {shape}")
+        if np.any(np.diff(self.freq_hz) <= 0):
+            raise ValueError(f"{where}: the frequencies do not increase")
+        bad = np.flatnonzero(~np.isfinite(self.G).all(axis=(1, 2)))
+        if bad.size:
+            raise ValueError(f"{where}: G is not finite at {bad.size} lines, first {self.freq_hz[bad[0]]:g} Hz")
+        for name in ("noise", "total", "distortion"):
+            covariance = getattr(self, name)
+            if covariance is not None and covariance.variance.shape != shape:
+                raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
+        if self.bias is not None and self.bias.shape[1:] != (len(self.inputs), *shape):
+            raise ValueError(f"{where}: bias has shape {self.bias.shape}, expected (n_b, n_u, F, n_y, n_u)")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Lines, quantity and configuration, and each element with its range and its relative standard deviation."""
+        unit = "Hz" if self.rate_is_known else "times the sampling rate"
+        band = f"{self.freq_hz[0]:.4g} to {self.freq_hz[-1]:.4g} {unit}" if self.n_lines else "none"
+        magnitude = np.abs(self.G)
+        rows = [
+            (y, u, f"{magnitude[:, i, j].min():.3g} to {magnitude[:, i, j].max():.3g}", self._relative_std(i, j))
+            for i, y in enumerate(self.outputs)
+            for j, u in enumerate(self.inputs)
+            if self.n_lines
+        ]
+        size = f"{len(self.outputs)} x {len(self.inputs)} at {self.n_lines} lines, {band}"
+        known = "" if self.uncertainty is not None else "; its noise is unknown: no covariance was estimated or given"
+        title = f"FrequencyResponse of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{known}"
+        return Display(title, ("output", "input", "|G|", "relative std, median"), rows)
+
+    def _relative_std(self, i: int, j: int) -> str:
+        if self.uncertainty is None:
+            return "unknown"
+        magnitude = np.maximum(np.abs(self.G[:, i, j]), 1e-300)
+        return f"{100 * float(np.median(np.sqrt(self.uncertainty.variance[:, i, j]) / magnitude)):.2g} %"
+
+    @property
+    def n_lines(self) -> int:
+        """F, the number of lines."""
+        return len(self.freq_hz)
+
+    @property
+    def unit(self) -> str:
+        """Unit of G; several where some places rotate and others slide."""
+        return f"({self.output_unit})/({' or '.join(dict.fromkeys(self.units_of_inputs))})"
+
+    @property
+    def units_of_inputs(self) -> tuple[str, ...]:
+        """The unit of each input."""
+        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the outputs; several where some rotate and others slide."""
+        units = dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs)
+        return " or ".join(units)
+
+    @property
+    def uncertainty(self) -> Covariance | None:
+        """The covariance that gives the weights of a fit: total where realisations gave one, else noise."""
+        return self.total if self.total is not None else self.noise
+
+    def lines(self, keep: BoolArray) -> FrequencyResponse:
+        """The same response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
+        if np.shape(keep) != (self.n_lines,):
+            raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
+
+        def cut(covariance: Covariance | None) -> Covariance | None:
+            return None if covariance is None else covariance.lines(keep)
+
+        return replace(
+            self,
+            freq_hz=self.freq_hz[keep],
+            G=self.G[keep],
+            noise=cut(self.noise),
+            total=cut(self.total),
+            distortion=cut(self.distortion),
+            quality=None if self.quality is None else self.quality.lines(keep),
+            bias=None if self.bias is None else self.bias[:, :, keep],
+        )
+
+    def to_control(self) -> Any:
+        """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
+        import control  # takes a second or two
+
+        names = {"inputs": [*map(control_label, self.inputs)], "outputs": [*map(control_label, self.outputs)]}
+        labels = {"name": control_label(self.configuration.name), **names}
+        return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
+
+    @classmethod
+    def from_control(
+        cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration"
+    ) -> FrequencyResponse:
+        """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
+
+        Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`; TypeError
+        for the system itself.
+        """
+        from control import FrequencyResponseData  # takes a second or two
+
+        check_kind(data, FrequencyResponseData, "data", "control.frd(system, omega) makes one, omega in rad/s")
+        omega, G = np.asarray(data.omega), np.moveaxis(np.asarray(data.frdata), 2, 0)
+        return cls(omega / (2 * np.pi), G, tuple(data.input_labels), tuple(data.output_labels), quantity, configuration)
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` of G and the standard deviations that are known, over freq_hz, output and input.
+
+        ElastidError where xarray is not installed.
+        """
+        axes = ("freq_hz", "output", "input")
+        stds = {"noise_std": self.noise, "total_std": self.total}
+        known = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
+        return notebook_package("xarray").Dataset(
+            {name: (axes, values) for name, values in {"G": self.G, **known}.items()},
+            {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
+            {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},
+        )
+
+
+def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyResponse:
+    r"""The same response in position, velocity or acceleration per torque, its covariance with it.
+
+    .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
+    """
+    k = index_of(quantity, tuple(MOTION_ORDER), "quantity") - MOTION_ORDER[response.quantity]
+    if k == 0:
+        return response
+    gain = ((2j * np.pi * response.freq_hz) ** k)[:, None, None]
+    power = np.abs(gain) ** 2
+    return replace(
+        response,
+        G=gain * response.G,
+        quantity=quantity,
+        noise=scaled(response.noise, power),
+        total=scaled(response.total, power),
+        distortion=scaled(response.distortion, power),
+        quality=None,  # it belongs to the outputs as they were measured
+        bias=None if response.bias is None else gain * response.bias,
+    )
+
+
+__all__ = ["LINE_ARRAYS", "Covariance", "CovarianceForm", "FrequencyResponse", "Levels", "Quality", "in_quantity"]

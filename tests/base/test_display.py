@@ -1,0 +1,33 @@
+"""Numbers in a table: digits, exponents, and values that are not finite."""
+
+import math
+
+import pytest
+
+from elastid.base.display import digits, interval_of, number, percent
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (None, "–"), (math.nan, "–"), (math.inf, "∞"), (-math.inf, "-∞"), (-0.5, "-0.5000"),
+        (12345678.0, "12350000"), (1.5e8, "1.500e+08"), (1.234e-4, "0.0001234"), (1.234e-5, "1.234e-05"),
+    ],
+)  # fmt: skip
+def test_a_number_has_four_digits_and_an_exponent_only_where_it_must(value, text):
+    """From 1e-4 to 1e8 there is none."""
+    assert number(value) == text
+
+
+def test_a_standard_deviation_leaves_two_to_eight_digits():
+    assert [digits(1.0, std) for std in (1.0, 1e-3, 1e-20)] == [2, 5, 8]
+    assert digits(0.0, 1.0) == digits(1.0, 0.0) == 4
+
+
+def test_an_interval_over_twelve_decades_is_unbounded():
+    assert interval_of((1.0, 0.9e12)) == ("1.000", "9.000e+11")
+    assert interval_of((1.0, 1.1e12)) == ("0", "∞")
+
+
+def test_percent_of_nothing_is_a_dash():
+    assert [percent(value) for value in (0.5, None, math.nan)] == ["50 %", "–", "–"]

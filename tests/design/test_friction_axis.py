@@ -1,0 +1,53 @@
+"""Speeds of friction passes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import DataError
+from elastid.design.friction_axis import StribeckGuess, _information, optimal_speeds
+
+# Axis 2 of a large robot at 40 degC, in parts of its rating (LiTH-ISY-R-2948).
+GUESS = StribeckGuess(3.11e-2, 7.01e-2, 3.21e-4, 14.4, 1.36)
+
+
+def test_five_numbers_take_five_speeds_of_equal_shares() -> None:
+    """As slow as slides, about nu_s / 2, 1.5 nu_s, 4 nu_s, and the top: ten passes, two at each."""
+    found = optimal_speeds([GUESS], 0.03 * 14.4, 250.0, 10)
+    places = found.speed / 14.4
+    groups = np.repeat(places, found.passes)
+    assert groups[0] == pytest.approx(0.03, rel=0.01)
+    assert groups[-1] == pytest.approx(250 / 14.4, rel=0.01)
+    np.testing.assert_allclose(groups[[2, 4, 6]], [0.5, 1.45, 4.1], rtol=0.25)
+    assert found.excess < 2e-3
+    assert found.efficiency > 0.98
+
+
+def test_no_speed_would_help_more_than_the_certificate_says() -> None:
+    """d = 5 times (1 + excess) bounds the gain of every candidate; log-spaced speeds are worse by a fifth or more."""
+    found = optimal_speeds([GUESS], 0.5, 250.0, 50)
+    H = _information(GUESS, np.geomspace(0.5, 250.0, 200))
+    M = np.einsum("q,qij->ij", found.passes / 50, _information(GUESS, found.speed))
+    gains = np.einsum("ij,qji->q", np.linalg.inv(M), H)
+    assert gains.max() < 5 * 1.1
+    spread = _information(GUESS, np.geomspace(0.5, 250.0, 50)).mean(axis=0)
+    assert (np.linalg.det(spread) / np.linalg.det(M)) ** (1 / 5) < 0.8
+
+
+def test_several_guesses_are_served_by_more_speeds() -> None:
+    guesses = [replace(GUESS, stribeck_velocity=nu) for nu in (5.0, 14.4, 40.0)]
+    found = optimal_speeds(guesses, 0.5, 250.0, 24)
+    assert found.passes.sum() == 24
+    assert len(found.speed) > 5
+
+
+@pytest.mark.parametrize(
+    ("lowest", "highest", "count", "word"),
+    [(10.0, 20.0, 12, "a range of four and more"), (0.5, 250.0, 4, "4 passes for the 5 numbers")],
+)
+def test_impossible_designs_are_refused(lowest: float, highest: float, count: int, word: str) -> None:
+    with pytest.raises(DataError, match=word):
+        optimal_speeds([GUESS], lowest, highest, count)

@@ -1,0 +1,188 @@
+"""Where a mode's potential energy is: closed forms, and what a change of each spring does to the frequencies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import StrainEnergy, modes, shapes_of_all, strain_energy
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import Anchor, Body, GearCoupling, Joint, Loop, Motor, Placement, Robot, Rod, Spring
+
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def chain(*stiffness: float) -> Robot:
+    """A motor of 3 kg*m^2 on the link side, then a disc of 2 kg*m^2 behind each spring."""
+    bodies = [Body("d0", joints=(Joint("0", "z", Spring(stiffness[0]), Motor(3.0)),), inertia=2.0)]
+    for i, k in enumerate(stiffness[1:], start=1):
+        bodies.append(Body(f"d{i}", f"d{i - 1}", joints=(Joint(f"{i}", "z", Spring(k)),), inertia=2.0))
+    return Robot("chain", tuple(bodies), WEIGHTLESS)
+
+
+def wrist(springs: str, shafts: bool = False) -> Robot:
+    """Three axes in space, the motor of the last one turned along by the second joint."""
+
+    def motor(i: int) -> Motor:
+        return Motor(1e-3, 100.0, spring=Spring(30.0 * i) if shafts else None)
+
+    bodies = (
+        Body("a", joints=(Joint("1", "z", Spring(3e5), motor(1)),), mass=50, center_of_mass=(0.1, 0, 0.2), inertia=4.0),
+        Body("b", "a", Placement((0.2, 0, 0.4)),
+             (Joint("2", "y", Spring(2e5), motor(2)), Joint("2x", "x", Spring(4e5))),
+             30, (0.1, 0.05, 0.4), 2.0),
+        Body("c", "b", Placement((0, 0, 0.7)), (Joint("3", (0, 1, 1), Spring(1e5), motor(3)),), 20, (0.3, 0.1, 0), 1.0),
+    )  # fmt: skip
+    return Robot("wrist", bodies, WEIGHTLESS, gears=(GearCoupling("3", "2", 60.0, springs),))
+
+
+def linkage(gravity: tuple[float, float, float] = WEIGHTLESS) -> Robot:
+    """Lower arm that bends, crank, upper arm, an elastic rod from the one to the other."""
+    motor = Motor(2e-3, 100)
+    lower = Joint("2", "y", Spring(8e5), motor)
+    bodies = (
+        Body("lower", joints=(lower,), mass=16, center_of_mass=(0.06, 0.09, 0.2), inertia=0.4),
+        Body("end", "lower", Placement((0, 0, 0.4)), (Joint("b2", "y", Spring(2e6)),), 15, (0.06, 0, 0.2), 0.4),
+        Body(
+            "crank", joints=(Joint("3", "y", Spring(5e5), motor),), mass=19, center_of_mass=(-0.45, 0, 0), inertia=0.6
+        ),
+        Body("upper", "end", Placement((0, 0, 0.46)), (Joint("e", "y"),), 50, (0.35, 0, 0.14), 5.0),
+    )
+    ends = (Anchor("crank", (-0.33, 0, 0)), Anchor("upper", (-0.3, 0, 0)))
+    return Robot("linkage", bodies, gravity, loops=(Loop("rod", ends, rod=Rod(0.86, 6, 0.4, 0.5, 1e7)),))
+
+
+def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> tuple[np.ndarray, StrainEnergy]:
+    """Natural frequencies and energies of the modes without damping."""
+    model = formulate(robot, spec or ModelSpec())
+    at = Configuration("c", np.array(angles))
+    linear = linearise(model, at, model.theta, model.inputs, "position")
+    swinging = modes(linear, linear.theta_ref)
+    shapes = shapes_of_all(linear, swinging.shapes)
+    return swinging.freq_hz, strain_energy(model, model.theta, equilibrium(model, model.theta, at), shapes)
+
+
+def test_two_masses_have_all_energy_in_their_spring() -> None:
+    """One mode, one spring, no weight."""
+    _, energy = found(chain(5e3), [0.3])
+    assert energy.springs == ("k_0",)
+    np.testing.assert_allclose(energy.share, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(energy.load, 0.0, atol=1e-12)
+
+
+def test_three_masses_share_the_energy_as_the_textbook_s_shapes_say() -> None:
+    """k (x_i - x_j)^2 of the eigenvectors in absolute angles, from NumPy."""
+    k0, k1 = 5e3, 2e3
+    K = np.array([[k0, -k0, 0], [-k0, k0 + k1, -k1], [0, -k1, k1]])
+    M = np.diag([3.0, 2.0, 2.0])
+    root = np.sqrt(np.linalg.inv(M))
+    w2, vectors = np.linalg.eigh(root @ K @ root)
+    x = root @ vectors[:, 1:]
+    parts = np.array([k0 * (x[0] - x[1]) ** 2, k1 * (x[1] - x[2]) ** 2])
+    freq_hz, energy = found(chain(k0, k1), [0.0])
+    np.testing.assert_allclose(freq_hz, np.sqrt(w2[1:]) / (2 * np.pi), rtol=1e-9)
+    np.testing.assert_allclose(energy.share, parts / parts.sum(axis=0), rtol=1e-9)
+
+
+def test_springs_in_series_share_the_energy_by_their_compliances() -> None:
+    """They bear one torque: shares of 1 / k, the shaft's times ratio^2."""
+    joint = Joint("1", "z", Spring(4e4), Motor(1e-3, 50.0, spring=Spring(12.0)))
+    _, energy = found(Robot("axis", (Body("a", joints=(joint,), inertia=2.0),), WEIGHTLESS), [0.0])
+    soft = np.array([1 / 4e4, 1 / (12.0 * 50**2)])
+    assert energy.springs == ("k_1", "km_1")
+    np.testing.assert_allclose(energy.share[:, 0], soft / soft.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("angle", "sign"), [(0.0, 1), (np.pi, -1)])
+def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle: float, sign: int) -> None:
+    """m g l beside k where it hangs; where it stands upright its weight helps the mode on: a negative share."""
+    k, m, length, rotor = 4e3, 20.0, 0.7, 1.5
+    joint = Joint("1", "y", Spring(k), Motor(rotor))
+    robot = Robot("pendulum", (Body("a", joints=(joint,), mass=m, center_of_mass=(0, 0, -length), inertia=0.1),))
+    freq_hz, energy = found(robot, [angle])
+    omega, weight = 2 * np.pi * freq_hz[-1], sign * m * 9.81 * length
+    motor = k / (k - rotor * omega**2)  # per rad of the arm
+    springs = k * (motor - 1) ** 2
+    assert energy.share[0, -1] == pytest.approx(springs / (springs + weight), rel=1e-9)
+    assert energy.load[-1] == pytest.approx(weight / (springs + weight), rel=1e-6)
+    assert np.sign(energy.load[-1]) == sign
+
+
+def test_a_nonlinear_spring_counts_with_its_tangent() -> None:
+    """A horizontal arm deflects its gear; only the spring and the weight store anything, and theirs is all of it."""
+    joint = Joint("1", "y", Spring(2e4, cubic=5e7), Motor(1.5))
+    arm = Body("a", joints=(joint,), mass=40.0, center_of_mass=(0.5, 0, 0), inertia=0.1)
+    freq_hz, energy = found(Robot("arm", (arm,)), [0.0])
+    model = formulate(Robot("arm", (arm,)))
+    point = equilibrium(model, model.theta, Configuration("c", np.zeros(1)))
+    x = point.q[1] - point.q[0]
+    tangent = 2e4 + 3 * 5e7 * x**2
+    motor = tangent / (tangent - 1.5 * (2 * np.pi * freq_hz[-1]) ** 2)
+    weight = 40 * 9.81 * 0.5 * -np.sin(point.q[0])  # V = -m g l sin q
+    springs = tangent * (motor - 1) ** 2
+    assert abs(x) > 5e-3
+    assert energy.share[0, -1] == pytest.approx(springs / (springs - weight), rel=1e-8)
+
+
+ROBOTS = {
+    "after the gears": (wrist("after"), [0.3, -0.4, 0.9], ModelSpec()),
+    "before the gears": (wrist("before"), [0.3, -0.4, 0.9], ModelSpec()),
+    "in series": (wrist("before", shafts=True), [0.3, -0.4, 0.9], ModelSpec()),
+    "constrained": (linkage(), [0.2, -0.1], ModelSpec("constrained")),
+    "minimal": (linkage(), [0.2, -0.1], ModelSpec("minimal")),
+    "series_stiffness": (linkage(), [0.2, -0.1], ModelSpec("minimal", "series_stiffness")),
+    "bending_outside": (linkage(), [0.2, -0.1], ModelSpec("minimal", "bending_outside")),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name: str) -> None:
+    """d ln f^2 / d ln k (Rayleigh), by differences of the modes of other robots; without weight they sum to one."""
+    robot, angles, spec = ROBOTS[name]
+    freq_hz, energy = found(robot, angles, spec)
+    assert len(freq_hz) >= 2
+    for spring, share in zip(energy.springs, energy.share, strict=True):
+        value, h = robot.parameters()[spring][0], 1e-4
+        stiffer, softer = (found(robot.with_parameters({spring: value * np.exp(e)}), angles, spec)[0] for e in (h, -h))
+        np.testing.assert_allclose(share, np.log(stiffer / softer) / h, atol=2e-6)
+    np.testing.assert_allclose(energy.share.sum(axis=0), 1.0, rtol=1e-9)
+    assert np.all(energy.share >= 0)
+
+
+@pytest.mark.parametrize("angles", [[0.2, -0.1], [-0.4, 0.1]])
+def test_both_formulations_of_a_linkage_share_alike(angles: list[float]) -> None:
+    """Under its weight, which loads the rod: with its own coordinate and cut."""
+    robot = linkage((0.0, 0.0, -9.81))
+    (f, one), (same_f, other) = (found(robot, angles, ModelSpec(kind)) for kind in ("constrained", "minimal"))
+    np.testing.assert_allclose(f, same_f, rtol=1e-7)
+    for spring, share in zip(one.springs, one.share, strict=True):
+        np.testing.assert_allclose(share, other.share[other.springs.index(spring)], atol=1e-7)
+    np.testing.assert_allclose(one.load, other.load, atol=1e-7)
+    assert 1e-6 < np.abs(one.load).max() < 0.05
+
+
+def test_shares_know_neither_length_nor_phase_of_a_shape() -> None:
+    """Complex shapes of a damped robot, turned and stretched."""
+    robot = replace(wrist("after"), gravity=(0.0, 0.0, -9.81))
+    model = formulate(robot.with_parameters({"d_1": 900.0, "d_2x": 50.0}))
+    at = Configuration("c", np.array([0.3, -0.4, 0.9]))
+    linear = linearise(model, at, model.theta, model.inputs, "position")
+    shapes = shapes_of_all(linear, modes(linear, linear.theta_ref).shapes)
+    point = equilibrium(model, model.theta, at)
+    one, other = (strain_energy(model, model.theta, point, z * shapes) for z in (1.0, -3.7 + 2.1j))
+    np.testing.assert_allclose(one.share, other.share, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(one.share.sum(axis=0) + one.load, 1.0)
+
+
+def test_a_motion_that_stores_nothing_has_no_shares() -> None:
+    """All discs turning as one, which is no mode that swings."""
+    model = formulate(chain(5e3, 2e3))
+    point = equilibrium(model, model.theta, Configuration("c", np.zeros(1)))
+    rigid = np.array([[1.0], [0.0], [1.0]], complex)
+    assert np.isnan(strain_energy(model, model.theta, point, rigid).share).all()

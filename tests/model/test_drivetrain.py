@@ -1,0 +1,284 @@
+"""Rotors that ride on bodies: the complete model against an independent implementation, its structure, its energy."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from elastid.base.errors import StudyError
+from elastid.export.mujoco import write_mujoco
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import serial
+from elastid.model.open_chain import elastic_model, open_chain
+from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
+
+seeds = st.integers(0, 2**31)
+
+
+def random_arm(seed: int, n: int = 4, coupled: bool = True) -> Robot:
+    """A chain of n driven axes, elastic and rigid, whose motors ride on any body along it, with a branch beside it."""
+    rng = np.random.default_rng(seed)
+    names = [f"b{i}" for i in range(n)]
+    bodies = []
+    for i, name in enumerate(names):
+        carrier = rng.choice(["", BASE, *names])
+        rides = {"on": carrier, "axis": tuple(rng.normal(size=3))} if carrier else {}
+        motor = Motor(10 ** rng.uniform(-3, 0), rng.choice([-1, 1]) * rng.uniform(1, 20), **rides)
+        spring = Spring(1e3 * rng.uniform(1, 3)) if rng.random() < 0.7 else None
+        joints = (Joint(f"{i}e", "x", Spring(2e3)),) if rng.random() < 0.4 else ()
+        points = rng.normal(size=(4, 3)) * 0.2
+        I = sum((r @ r) * np.eye(3) - np.outer(r, r) for r in points - points.mean(axis=0))  # noqa: E741
+        bodies.append(
+            Body(
+                name,
+                names[i - 1] if i else BASE,
+                Placement(tuple(rng.normal(size=3)), tuple(rng.normal(size=3))),
+                (Joint(f"{i}", tuple(rng.normal(size=3)), spring, motor), *joints),
+                4.0,
+                tuple(points.mean(axis=0)),
+                (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+            )
+        )
+    bodies.append(Body("branch", "b0", joints=(Joint("s", "y", Spring(1e3)),), mass=1.0, center_of_mass=(0.3, 0, 0)))
+    gears = (GearCoupling("3", "1", 4.0), GearCoupling("2", "1", -3.0)) if coupled else ()
+    return Robot("arm", tuple(bodies), gears=gears)
+
+
+@pytest.fixture(scope="module")
+def pin():
+    return pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+
+
+def with_rotor_bodies(pin, robot: Robot):
+    """The robot in pinocchio, every riding rotor a body on a joint of its own; and T (n_pin, n_q), q_pin = T q.
+
+    Rotors that do not ride have their inertia as armature of a joint on the base. A rotor's joint turns by (eta q_m)_i.
+    """
+    model, columns = pin.Model(), {}
+    model.gravity.linear = np.array(robot.gravity)
+
+    def add_rotors(carrier: str, parent: int, placement) -> None:
+        for joint in robot.driven:
+            if joint.motor.on == carrier or (carrier == BASE and not joint.motor.on):
+                axis = unit_axis(joint.motor.axis or "z")
+                turning = pin.JointModelRevoluteUnaligned(axis)
+                rotor = model.addJoint(parent, turning, placement, f"rotor {joint.name}")
+                inertia = pin.Inertia(0.0, np.zeros(3), joint.motor.inertia * np.outer(axis, axis))
+                model.appendBodyToJoint(rotor, inertia, pin.SE3.Identity())
+
+    def add(name: str, parent: int, placement) -> None:
+        add_rotors(name, parent, placement)
+        for body in robot.bodies:
+            if body.parent != name:
+                continue
+            seat, at = parent, placement * pin.SE3(body.placement.rotation, np.array(body.placement.xyz))
+            for joint in body.joints:
+                turning = pin.JointModelRevoluteUnaligned(unit_axis(joint.axis))
+                seat, at = model.addJoint(seat, turning, at, joint.name), pin.SE3.Identity()
+            inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
+            model.appendBodyToJoint(seat, inertia, at)
+            add(body.name, seat, at)
+
+    add(BASE, 0, pin.SE3.Identity())
+    columns = [f"joint {joint.name}" for joint in robot.joints] + [f"motor {joint.name}" for joint in robot.flexible]
+    T = np.zeros((model.nv, len(columns)))
+    for i, joint in enumerate(robot.joints):
+        T[model.joints[model.getJointId(joint.name)].idx_v, i] = 1.0
+    for joint, row in zip(robot.driven, robot.eta, strict=True):
+        for turned, ratio in zip(robot.driven, row, strict=True):
+            of = f"motor {turned.name}" if turned.is_flexible else f"joint {turned.name}"
+            T[model.joints[model.getJointId(f"rotor {joint.name}")].idx_v, columns.index(of)] = ratio
+    return model, T
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=12)
+def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(pin, seed):
+    """M with S in it, C_1 and C_2 of chains with rotors anywhere and coupled gears, to 1e-10."""
+    robot = random_arm(seed)
+    model = serial(robot)
+    reference, T = with_rotor_bodies(pin, robot)
+    data = reference.createData()
+    q, v = np.random.default_rng(seed).normal(size=(2, model.n_q))
+    M = pin.crba(reference, data, T @ q)
+    M = T.T @ (np.triu(M) + np.triu(M, 1).T) @ T
+    np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
+    still = pin.nonLinearEffects(reference, data, T @ q, np.zeros(reference.nv))
+    c = T.T @ (pin.nonLinearEffects(reference, data, T @ q, T @ v) - still)
+    found = (model.force(q, v, model.theta) - model.force(q, 0 * v, model.theta)).full()[:, 0]
+    springs = np.abs(model.force(q, 0 * v, model.theta).full()).max()
+    np.testing.assert_allclose(found, c, rtol=0, atol=1e-10 * max(np.abs(c).max(), 1e-3 * springs))
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_coriolis_terms_of_the_motors_have_the_shape_of_the_thesis(seed):
+    """C_2, in the rows of motors, has no q_m'; C_1, in the rows of links, is at most linear in it (eq. 2.22)."""
+    robot = random_arm(seed, coupled=False)
+    model, n_l = serial(robot), len(robot.joints)
+    rng = np.random.default_rng(seed)
+    q, v = rng.normal(size=(2, model.n_q))
+    spin = np.r_[np.zeros(n_l), 50 * rng.normal(size=model.n_q - n_l)]
+    c = [model.force(q, v + factor * spin, model.theta).full()[:, 0] for factor in (0, 1, 2)]
+    scale = max(np.abs(c[2]).max(), 1.0)
+    np.testing.assert_allclose(c[1][n_l:], c[0][n_l:], atol=1e-10 * scale)
+    np.testing.assert_allclose(c[2] - c[1], c[1] - c[0], atol=1e-10 * scale)
+
+
+def six_axes(carriers: list[tuple[str, str]], ratio: float = 100.0) -> Robot:
+    """An upright arm with axes z, y, y, x, y, x at zero, motor inertia 1e-3, motors on the bodies and axes given."""
+    bodies, parent = [], BASE
+    for i, axis in enumerate("zyyxyx"):
+        on, rotor = carriers[i]
+        motor = Motor(1e-3, ratio, on=on, axis=rotor or None)
+        joint = Joint(str(i + 1), axis, Spring(1e5), motor)
+        bodies.append(Body(f"link{i + 1}", parent, Placement((0.1, 0, 0.3)), (joint,), 10.0, (0.1, 0, 0.1), 0.5))
+        parent = f"link{i + 1}"
+    return Robot("six axes", tuple(bodies))
+
+
+def coupling(robot: Robot, q_l) -> np.ndarray:
+    """S (n_l, n_m) at link angles q_l."""
+    model, n_l = serial(robot), len(robot.joints)
+    return model.mass(np.r_[q_l, np.zeros(model.n_q - n_l)], model.theta).full()[:n_l, n_l:]
+
+
+def test_motors_placed_as_on_an_abb_arm_give_the_pattern_of_the_thesis():
+    """Motors 1, 2 on the stand, 3 on link 3, 4 to 6 along the upper arm: eq. 3.2 with s2 to s4 ~ sin(q2 + q3)."""
+    carriers = [("link1", "z"), ("link1", "y"), ("link3", "y"), *[("link3", "x")] * 3]
+    robot = six_axes(carriers)
+    q = np.array([0.3, 0.4, 0.5, -0.2, 0.7, 0.1])
+    S = coupling(robot, q)
+    pattern = np.zeros((6, 6), bool)
+    pattern[0, [0, 3, 4, 5]] = pattern[[1, 2], 2] = True
+    np.testing.assert_array_equal(np.abs(S) > 1e-15, pattern)
+    J_eta = 1e-3 * 100
+    assert S[0, 0] == pytest.approx(J_eta)
+    assert S[1, 2] == S[2, 2] == pytest.approx(J_eta)
+    np.testing.assert_allclose(S[0, 3:], -J_eta * np.sin(q[1] + q[2]), rtol=1e-12)
+    extreme = coupling(robot, [0, 0, np.pi / 2, 0, 0, 0])
+    np.testing.assert_allclose(np.abs(extreme[0, 3:]), J_eta, rtol=1e-12)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_coupling_is_strictly_upper_triangular_where_each_motor_rides_on_the_link_before(seed):
+    """And not where one rides on its own link, about an axis that its joint turns."""
+    rng = np.random.default_rng(seed)
+    before = [(BASE, "z"), *[(f"link{i}", str(rng.choice(list("xyz")))) for i in range(1, 6)]]
+    q = rng.normal(size=6)
+    assert not np.tril(coupling(six_axes(before), q)).any()
+    own = [*before[:2], ("link3", "y"), *before[3:]]
+    assert coupling(six_axes(own), q)[2, 2] == pytest.approx(0.1)
+
+
+def test_coupling_relative_to_the_motor_falls_as_one_over_the_ratio():
+    """S_ij / M_m,jj = cos(angle between the axes) / eta."""
+    for ratio in (5.0, 50.0, 500.0):
+        carriers = [(BASE, "z"), ("link1", "z"), *[("", "")] * 4]
+        model = serial(six_axes(carriers, ratio))
+        M = model.mass(np.zeros(model.n_q), model.theta).full()
+        assert M[0, 7] / M[7, 7] == pytest.approx(1 / ratio, rel=1e-12)
+
+
+def drift(model: ElasticModel, seconds: float = 1.0) -> float:
+    """Largest change of energy, relative to the kinetic energy at the start, of a free motion from a random state."""
+    rng = np.random.default_rng(7)
+    start = np.r_[0.5 * rng.normal(size=model.n_q), 3 * rng.normal(size=model.n_q)]
+    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    M, f = model.mass(q, model.theta), model.force(q, v, model.theta)
+    rate = ca.Function("rate", [ca.vertcat(q, v)], [ca.vertcat(v, ca.solve(M, -f))])
+    # dV/dq is what the model has of its potential: work against it is V but for a constant.
+    g = model.potential_gradient(q, model.theta)
+    work = ca.Function("work", [ca.vertcat(q, v)], [ca.dot(g, v)])
+    kinetic = ca.Function("kinetic", [ca.vertcat(q, v)], [v.T @ M @ v / 2])
+
+    def with_work(_: float, x: np.ndarray) -> np.ndarray:
+        return np.r_[rate(x[:-1]).full()[:, 0], float(work(x[:-1]))]
+
+    path = solve_ivp(with_work, (0, seconds), np.r_[start, 0.0], method="DOP853", rtol=1e-12, atol=1e-12)
+    energy = np.array([float(kinetic(x[:-1])) + x[-1] for x in path.y.T])
+    return float(np.abs(energy - energy[0]).max() / energy[0])
+
+
+def spinning() -> Robot:
+    """Three elastic axes whose motors turn fast and ride across the axes that carry them."""
+    carriers = [("link1", "z"), ("link1", "y"), ("link2", "x")]
+    arm = six_axes([*carriers, *[("", "")] * 3], 10.0)
+    bodies = [replace(body, joints=(replace(body.joints[0], spring=Spring(2e3)),)) for body in arm.bodies[:3]]
+    heavy = [replace(b, joints=(replace(b.joints[0], motor=replace(b.joints[0].motor, inertia=0.02)),)) for b in bodies]
+    return replace(arm, bodies=tuple(heavy))
+
+
+def test_energy_of_the_undamped_complete_model_is_conserved():
+    """To 1e-8 over 1 s; and it is not where C_1 and C_2 are left out beside S."""
+    robot = spinning()
+    assert drift(serial(robot)) < 1e-8
+    complete = open_chain(robot)
+    reduced = serial(
+        replace(
+            robot,
+            bodies=tuple(
+                replace(b, joints=tuple(replace(j, motor=replace(j.motor, on="", axis=None)) for j in b.joints))
+                for b in robot.bodies
+            ),
+        )
+    )
+    without = replace(complete, f=reduced.force(complete.q, complete.v, complete.theta))
+    assert drift(elastic_model(robot, without)) > 1e-5
+
+
+def test_a_rotor_on_the_base_or_without_carrier_turns_about_its_own_axis_only():
+    """The reduced model of Spong: no S, whichever of the two is said."""
+    carriers = [(BASE, "z")] * 6
+    q = np.full(6, 0.3)
+    assert not coupling(six_axes(carriers), q).any()
+    assert not coupling(six_axes([("", "")] * 6), q).any()
+
+
+def test_coriolis_terms_of_the_rotors_cost_little():
+    """Operations of force beside those of the reduced model: six rotors on six axes add less than their part."""
+    riding = six_axes([("link1", "z"), ("link1", "y"), ("link3", "y"), *[("link3", "x")] * 3])
+    alone = six_axes([("", "")] * 6)
+    n = []
+    for robot in (riding, alone):
+        model = serial(robot)
+        q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+        terms = [model.mass(q, model.theta), model.force(q, v, model.theta)]
+        n.append(ca.Function("terms", [q, v], terms, {"cse": True}).n_instructions())
+    assert n[0] < 1.2 * n[1]
+
+
+@pytest.mark.parametrize(
+    ("on", "axis", "says"),
+    [
+        ("leg", "z", "joint 1: motor.on: no body is called leg; there are base, arm, other"),
+        ("other", "z", "joint 1: its motor is on other, a branch that neither carries the joint nor is moved by it"),
+        ("arm", None, "give both `on`, the body, and `axis`"),
+        ("", "z", "give both `on`, the body, and `axis`"),
+        ("arm", (0.0, 0.0, 0.0), "axis is the zero vector"),
+    ],
+)
+def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
+    """With the body, the joint and what could be given instead."""
+    with pytest.raises(ValueError, match=says):
+        Robot(
+            "arm",
+            (Body("arm", joints=(Joint("1", motor=Motor(1e-3, 100, on=on, axis=axis)),), inertia=1.0), Body("other")),
+        )
+
+
+def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
+    """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
+    riding = six_axes([(BASE, "z"), ("link1", "z"), *[("", "")] * 4])
+    with pytest.raises(StudyError, match=r"motor of joint 1 rides on base.*export to casadi or c"):
+        write_mujoco(tmp_path, SimpleNamespace(robot=riding))
+    coupled = replace(six_axes([("", "")] * 6), gears=(GearCoupling("6", "5", 3.0),))
+    with pytest.raises(StudyError, match="gears couple the axes of robot six axes"):
+        write_mujoco(tmp_path, SimpleNamespace(robot=coupled))

@@ -1,0 +1,126 @@
+"""serial(robot): coordinates, sides and signs of drivetrain and springs, and the cost of the equations."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.formulation import serial
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+MOTOR = Motor(1e-3, -80, viscous=2e-3)
+
+
+def robot() -> Robot:
+    """An elastic gear, a rigid gear, a further elastic joint and a free one."""
+    first = (Joint("1", "y", Spring(5e4, 40), MOTOR, viscous=3), Joint("1x", "x", Spring(2e5, 90)))
+    second = (Joint("2", "z", motor=MOTOR, viscous=4), Joint("free", (1.0, 1.0, 0.0), viscous=0.5))
+    return Robot(
+        "mixed",
+        (
+            Body("a", joints=first, mass=20, center_of_mass=(0.3, 0, 0.1), inertia=(1, 2, 2)),
+            Body("b", "a", Placement((0.6, 0.1, 0), (0.4, 0, 0.2)), second, 9, (0.2, 0.25, 0.1), (0.2, 0.3, 0.4)),
+        ),
+    )
+
+
+def six_axes(axis_of_elastic: str | tuple[float, float, float]) -> Robot:
+    """A six-axis arm with one further elastic joint an axis: 18 coordinates."""
+    bodies: list[Body] = []
+    for i, axis in enumerate("zyyxyx"):
+        joints = (Joint(axis + str(i), axis, Spring(1e5), MOTOR), Joint(f"e{i}", axis_of_elastic, Spring(3e5)))
+        parent = bodies[-1].name if bodies else "base"
+        place = Placement((0.2 * (i % 2), 0, 0.4))
+        bodies.append(Body(f"b{i}", parent, place, joints, 60 - 8 * i, (0.1, 0.02, 0.2), (3, 4, 5, 0.1, 0.2, 0.3)))
+    return Robot("six axes", tuple(bodies))
+
+
+def test_coordinates_are_joints_then_motors_of_elastic_gears():
+    """Names and order, and the motor of a rigid gear turning with its joint."""
+    model = serial(robot())
+    assert model.coordinates == ("joint 1", "joint 1x", "joint 2", "joint free", "motor 1")
+    assert model.inputs == ("motor 1", "motor 2")
+    assert [model.index(name) for name in model.inputs] == [4, 2]
+    np.testing.assert_array_equal(np.argwhere(model.B), [[2, 1], [4, 0]])
+    assert model.parameters == tuple(robot().parameters())
+    assert model.n_c == 0
+
+
+def test_gear_spring_drives_the_arm_and_holds_the_motor_back():
+    """tau_a = K (q_m - q_a) + D (q_m' - q_a') on the arm, minus that on the motor; an elastic joint goes back to 0."""
+    model = serial(robot().with_parameters({"f_1": 0.0, "fm_1": 0.0, "m_a": 0.0, "m_b": 0.0}))
+    q, v = np.array([0.1, 0.05, 0, 0, 0.3]), np.array([1.0, 0.2, 0, 0, 3.0])
+    inertial = serial(
+        robot().with_parameters(
+            {name: 0.0 for name in robot().parameters() if name[0] in "mdf"} | {"k_1": 1e-300, "k_1x": 1e-300}
+        )
+    )
+    f = (model.force(q, v, model.theta) - inertial.force(q, v, inertial.theta)).full()[:, 0]
+    tau_a = 5e4 * (0.3 - 0.1) + 40 * (3.0 - 1.0)
+    np.testing.assert_allclose(f, [-tau_a, 2e5 * 0.05 + 90 * 0.2, 0, 0, tau_a], rtol=1e-12)
+
+
+def test_gear_ratio_leads_motor_numbers_to_the_link_by_its_square():
+    """Inertia and viscous friction of a motor times 80^2, on its own coordinate or on its rigidly driven joint."""
+    model = serial(robot())
+    q = np.zeros(model.n_q)
+    M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
+    assert M[4, 4] == pytest.approx(6400 * 1e-3)
+    assert np.count_nonzero(M[4]) == 1
+    theta = dict(zip(model.parameters, model.theta, strict=True)) | {"Jm_2": 0.0}
+    assert M[2, 2] - model.mass(q, [*theta.values()])[2, 2] == pytest.approx(6400 * 1e-3)
+    np.testing.assert_allclose(np.diag(D), [40 + 3, 90, 4 + 6400 * 2e-3, 0.5, 40 + 6400 * 2e-3])
+    assert D[0, 4] == D[4, 0] == -40
+
+
+def test_linear_matrices_are_the_derivatives_of_the_forces_at_rest():
+    """D = df/dv and K = df/dq at v = 0: Rayleigh function and Hessian of V against Newton-Euler, by differences."""
+    model = serial(robot())
+    q, rest = np.random.default_rng(3).normal(size=model.n_q), np.zeros(model.n_q)
+    h = 1e-5
+    for matrix, force in (
+        (model.damping(q, model.theta).full(), lambda e: model.force(q, rest + e, model.theta)),
+        (model.stiffness(q, [], model.theta).full(), lambda e: model.force(q + e, rest, model.theta)),
+    ):
+        differences = np.column_stack([(force(h * e) - force(-h * e)).full() / (2 * h) for e in np.eye(model.n_q)])
+        np.testing.assert_allclose(matrix, differences, atol=1e-5)
+
+
+def test_turns_about_coordinate_axes_cost_few_operations():
+    """18 coordinates: M and f in under 2000 instructions each; oblique axes may cost more but give the same laws."""
+    aligned, oblique = serial(six_axes("x")), serial(six_axes((1.0, 0.2, 0.3)))
+    assert aligned.n_q == 18
+    for name in ("mass", "force"):
+        count = getattr(aligned, name).n_instructions()
+        assert count < 2000
+        assert getattr(oblique, name).n_instructions() > 1.3 * count
+
+
+def test_model_survives_pickling():
+    """Simulations run in processes: the functions of a model that was sent give the same numbers."""
+    model = serial(robot())
+    sent = pickle.loads(pickle.dumps(model))
+    q = np.linspace(0.1, 0.5, model.n_q)
+    np.testing.assert_array_equal(sent.mass(q, sent.theta).full(), model.mass(q, model.theta).full())
+    assert sent.coordinates == model.coordinates
+
+
+def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
+    """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be distinguished. Bent, the robot stands."""
+    elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]
+    wrist = Robot(
+        "wrist",
+        (
+            Body("b4", joints=(elastic[0],)),
+            Body("b5", "b4", joints=(elastic[1],)),
+            Body("hand", "b5", joints=(elastic[2],), mass=5, inertia=(0.1, 0.1, 0.05)),
+        ),
+    )
+    model = serial(wrist)
+    with pytest.raises(StudyError, match="straight: the mass matrix is singular, motion of joint 4, joint 6"):
+        equilibrium(model, model.theta, Configuration("straight", [0.3, 0.0, 0.2]))
+    bent = equilibrium(model, model.theta, Configuration("bent", [0.3, 0.8, 0.2]))
+    np.testing.assert_allclose(bent.q[:3], [0.3, 0.8, 0.2], atol=1e-9)

@@ -1,0 +1,257 @@
+"""Rigid-body dynamics of random trees and shipped robots against an independent implementation, and invariants."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.base.errors import StudyError
+from elastid.model.formulation import serial
+from elastid.model.kinematics import frame_jacobians, frame_poses
+from elastid.model.rigid_body import external_torque, inverse_dynamics, regressor
+from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
+from elastid.study import load_robot
+
+seeds = st.integers(0, 2**31)
+SHIPPED = sorted((Path(__file__).parents[2] / "configs" / "robots").glob("*.yml"))
+
+
+def random_body(rng: np.random.Generator, index: int, parents: list[str], n_joints: int) -> Body:
+    """A body of random shape, somewhere on one of the parents; joints turn about or slide along any axis."""
+
+    def joint(number: int) -> Joint:
+        axis = rng.choice(["x", "y", "z", "oblique", "backwards"])
+        directions = {"oblique": tuple(rng.normal(size=3)), "backwards": (0.0, -1.0, 0.0)}
+        motor = Motor(inertia=1e-12) if index == 0 and number == 0 else None
+        motion = rng.choice(["rotation", "rotation", "translation"])
+        return Joint(f"{index}{'abc'[number]}", directions.get(axis, axis), motor=motor, motion=str(motion))
+
+    points = rng.normal(size=(4, 3)) * 0.3  # four point masses: any of their inertias is physical
+    masses = rng.uniform(1, 10, size=4)
+    center = masses @ points / masses.sum()
+    I = sum(m * ((r @ r) * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points - center, strict=True))  # noqa: E741
+    return Body(
+        name=f"b{index}",
+        parent=parents[rng.integers(len(parents))],
+        placement=Placement(tuple(rng.normal(size=3)), tuple(rng.choice([0, np.pi / 2, 0.7], size=3))),
+        joints=tuple(joint(number) for number in range(n_joints)),
+        mass=float(masses.sum()),
+        center_of_mass=tuple(center),
+        inertia=(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+        mounting=Placement(tuple(rng.normal(size=3)), (0.0, 0.0, 0.4)) if rng.random() < 0.5 else Placement(),
+    )
+
+
+def random_robot(seed: int) -> Robot:
+    """Five bodies, branching, with several joints or none; two frames, one with a payload."""
+    rng = np.random.default_rng(seed)
+    bodies: list[Body] = []
+    for index in range(5):
+        n_joints = 1 + int(rng.integers(3)) if index == 0 else int(rng.integers(4))
+        bodies.append(random_body(rng, index, [BASE, *(body.name for body in bodies)], n_joints))
+    frames = tuple(
+        Frame(name, bodies[i].name, Placement(tuple(rng.normal(size=3)), tuple(rng.normal(size=3))))
+        for name, i in (("tool", -1), ("flange", rng.integers(5)))
+    )
+    payload = Payload(5.0, (0.1, 0.2, -0.1), (1.0, 1.2, 0.9, 0.1, -0.2, 0.05))
+    return Robot("random", tuple(bodies), tuple(rng.normal(size=3) * 6), frames=frames, payload=payload)
+
+
+def depth_first(robot: Robot, parent: str) -> list[Body]:
+    """Children before siblings: pinocchio's crba takes every branch's joints to be numbered in one run."""
+    return [each for body in robot.bodies if body.parent == parent for each in (body, *depth_first(robot, body.name))]
+
+
+def pinocchio_model(pin, robot: Robot):
+    """The same robot in pinocchio, built body by body; returns the model and the order of its joints in ours."""
+    model = pin.Model()
+    model.gravity.linear = np.array(robot.gravity)
+    seats = {BASE: (0, pin.SE3.Identity())}
+    for body in depth_first(robot, BASE):
+        parent, placement = seats[body.parent]
+        placement = placement * pin.SE3(body.placement.rotation, np.array(body.placement.xyz))
+        for joint in body.joints:
+            kind = pin.JointModelPrismaticUnaligned if joint.slides else pin.JointModelRevoluteUnaligned
+            parent = model.addJoint(parent, kind(unit_axis(joint.axis)), placement, joint.name)
+            placement = pin.SE3.Identity()
+        placement = placement * pin.SE3(body.mounting.rotation, np.array(body.mounting.xyz))
+        inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
+        model.appendBodyToJoint(parent, inertia, placement)
+        model.addFrame(pin.Frame(body.name, parent, placement, pin.FrameType.BODY))
+        seats[body.name] = (parent, placement)
+    for frame in robot.frames:
+        parent, placement = seats[frame.body]
+        placement = placement * pin.SE3(frame.placement.rotation, np.array(frame.placement.xyz))
+        model.addFrame(pin.Frame(frame.name, parent, placement, pin.FrameType.OP_FRAME))
+        seats[frame.name] = (parent, placement)
+    if robot.payload is not None:
+        load = robot.payload.body("", Placement())
+        parent, placement = seats[robot.payload.at]
+        inertia = pin.Inertia(load.mass, np.array(load.center_of_mass), load.inertia_matrix)
+        model.appendBodyToJoint(parent, inertia, placement)
+    order = [model.joints[model.getJointId(joint.name)].idx_q for joint in robot.joints]
+    return model, order
+
+
+@pytest.fixture(scope="module")
+def pin():
+    return pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=12)
+def test_mass_coriolis_and_gravity_equal_pinocchio(pin, seed):
+    """M, c + g and g of random trees (branches, oblique axes, fixed bodies) equal pinocchio's to 1e-10."""
+    assert_equal_to_pinocchio(pin, random_robot(seed), seed)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_shipped_robots_equal_pinocchio(pin, path, seed):
+    """M, c + g, g, frames and their Jacobians of every robot in configs."""
+    assert_equal_to_pinocchio(pin, load_robot(path), seed)
+
+
+def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
+    """Link-side rigid body terms without drivetrain, poses and Jacobians, to 1e-10."""
+    robot = rigid(robot)
+    model = serial(robot)
+    n = len(robot.joints)
+    reference, order = pinocchio_model(pin, robot)
+    data = reference.createData()
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.normal(size=(3, n))
+    q_pin, v_pin, a_pin = np.empty((3, n))
+    q_pin[order], v_pin[order], a_pin[order] = q, v, a
+
+    M = pin.crba(reference, data, q_pin)
+    M = np.triu(M) + np.triu(M, 1).T
+    scale = np.abs(M).max()
+    np.testing.assert_allclose(model.mass(q, model.theta).full(), M[np.ix_(order, order)], rtol=0, atol=1e-10 * scale)
+    h = pin.nonLinearEffects(reference, data, q_pin, v_pin)[order]
+    np.testing.assert_allclose(model.force(q, v, model.theta).full()[:, 0], h, rtol=0, atol=1e-10 * np.abs(h).max())
+    g = pin.computeGeneralizedGravity(reference, data, q_pin)[order]
+    np.testing.assert_allclose(
+        model.potential_gradient(q, model.theta).full()[:, 0], g, rtol=0, atol=1e-10 * max(np.abs(g).max(), 1)
+    )
+    tau = pin.rnea(reference, data, q_pin, v_pin, a_pin)[order]
+    mine = inverse_dynamics(robot)(q, v, a, model.theta).full()[:, 0]
+    np.testing.assert_allclose(mine, tau, rtol=0, atol=1e-10 * max(np.abs(tau).max(), 1))
+
+    pin.computeJointJacobians(reference, data, q_pin)
+    pin.updateFramePlacements(reference, data)
+    local = model.frame_velocity(q, model.theta).full().reshape(-1, 6, n)
+    gravity = model.frame_gravity(q).full().reshape(-1, 3)
+    for i, frame in enumerate(robot.frames):
+        index = reference.getFrameId(frame.name)
+        pose = frame_poses(robot, q[None], frame.name)
+        np.testing.assert_allclose(pose.position[0], data.oMf[index].translation, atol=1e-10)
+        np.testing.assert_allclose(pose.rotation[0], data.oMf[index].rotation, atol=1e-10)
+        np.testing.assert_allclose(gravity[i], data.oMf[index].rotation.T @ robot.gravity, atol=1e-10)
+        for axes, J in (
+            (pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, frame_jacobians(robot, q[None], frame.name)[0]),
+            (pin.ReferenceFrame.LOCAL, local[i]),
+        ):
+            expected = pin.getFrameJacobian(reference, data, index, axes)[:, order]
+            np.testing.assert_allclose(J, expected, atol=1e-10)
+        wrench = rng.normal(size=6)
+        pushed = external_torque(robot, frame.name)(q, wrench).full()[:, 0]
+        np.testing.assert_allclose(pushed, frame_jacobians(robot, q[None], frame.name)[0].T @ wrench, atol=1e-10)
+
+
+def rigid(robot: Robot) -> Robot:
+    """The same bodies on joints without springs, friction and rotors; one motor is left that hardly counts."""
+    motor = Motor(inertia=1e-300)
+    bodies = tuple(
+        replace(body, joints=tuple(replace(j, spring=None, motor=motor, viscous=0.0) for j in body.joints))
+        for body in robot.bodies
+    )
+    return replace(robot, bodies=bodies)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_angular_velocities_equal_pinocchio(pin, seed):
+    """The rates of `body <name> <axis>` equal the body-frame angular velocities of pinocchio."""
+    robot = random_robot(seed)
+    model = serial(robot)
+    reference, order = pinocchio_model(pin, robot)
+    data = reference.createData()
+    rng = np.random.default_rng(seed)
+    q, v = rng.normal(size=(2, model.n_q))
+    q_pin, v_pin = np.empty_like(q), np.empty_like(v)
+    q_pin[order], v_pin[order] = q, v
+    pin.forwardKinematics(reference, data, q_pin, v_pin)
+    for body in robot.bodies:
+        twist = pin.getFrameVelocity(reference, data, reference.getFrameId(body.name), pin.ReferenceFrame.LOCAL)
+        C = model.output_jacobian(q, [f"body {body.name} {axis}" for axis in "xyz"])
+        np.testing.assert_allclose(C @ v, twist.angular, atol=1e-10)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=8)
+def test_mass_is_symmetric_positive_and_linear_in_masses_and_inertias(seed):
+    """M = M^T > 0, and scaling all masses and inertias (centres of mass kept) scales M."""
+    model = serial(random_robot(seed))
+    q = np.random.default_rng(seed).normal(size=model.n_q)
+    M = model.mass(q, model.theta).full()
+    np.testing.assert_array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M)[0] > -1e-12 * np.abs(M).max()
+    scaled = [3 * t if name[0] in "mIJ" else t for name, t in zip(model.parameters, model.theta, strict=True)]
+    np.testing.assert_allclose(model.mass(q, scaled).full(), 3 * M, atol=1e-12 * np.abs(M).max())
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=8)
+def test_coriolis_forces_do_no_work_beyond_the_change_of_kinetic_energy(seed):
+    """v^T (c - M' v / 2) = 0: the energy identity that sign errors in c break."""
+    model = serial(random_robot(seed))
+    rng = np.random.default_rng(seed)
+    q, v = rng.normal(size=(2, model.n_q))
+    c = model.force(q, v, model.theta).full()[:, 0] - model.potential_gradient(q, model.theta).full()[:, 0]
+    t = ca.SX.sym("t")
+    kinetic = ca.DM(v).T @ model.mass(ca.DM(q) + t * ca.DM(v), model.theta) @ ca.DM(v) / 2
+    rate = float(ca.Function("rate", [t], [ca.jacobian(kinetic, t)])(0))
+    assert v @ c == pytest.approx(rate, rel=1e-9, abs=1e-9)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_a_force_at_the_tool_does_the_work_that_the_joints_feel(seed):
+    """w . (displacement of the tool) = tau . dq, the displacement by differences of the poses."""
+    robot = random_robot(seed)
+    rng = np.random.default_rng(seed)
+    q, dq = rng.normal(size=(2, len(robot.joints)))
+    force = rng.normal(size=3)
+    tau = external_torque(robot, "tool")(q, np.append(force, [0, 0, 0])).full()[:, 0]
+    h = 1e-6
+    ahead, behind = (frame_poses(robot, (q + sign * h * dq)[None], "tool").position[0] for sign in (1, -1))
+    assert tau @ dq == pytest.approx(force @ (ahead - behind) / (2 * h), rel=1e-6, abs=1e-7)
+    R = frame_poses(robot, q[None], "tool").rotation[0]
+    own = external_torque(robot, "tool", axes="frame")(q, np.append(R.T @ force, [0, 0, 0])).full()[:, 0]
+    np.testing.assert_allclose(own, tau, atol=1e-12)
+
+
+def test_a_frame_that_is_not_there_is_refused():
+    """With the names of those that are."""
+    with pytest.raises(StudyError, match="no frame nose; there are tool, flange"):
+        external_torque(random_robot(0), "nose")
+    with pytest.raises(StudyError, match="no frame and no body nose; there are b0, b1"):
+        frame_poses(random_robot(0), np.zeros((1, len(random_robot(0).joints))), "nose")
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_inverse_dynamics_are_linear_in_masses_first_moments_and_inertias(seed: int) -> None:
+    """One set of numbers gives the torques of all states of a random robot."""
+    robot = random_robot(seed)
+    n, rng = len(robot.joints), np.random.default_rng(seed)
+    theta = [value for value, _ in robot.parameters().values()]
+    states = rng.normal(size=(3, n, 40))
+    tau = inverse_dynamics(robot)(*states, np.tile(np.array(theta)[:, None], 40)).full()
+    Y = regressor(robot)(*states).full().reshape(n * 40, 10 * n)
+    pi = np.linalg.lstsq(Y, tau.ravel(), rcond=1e-10)[0]
+    np.testing.assert_allclose(Y @ pi, tau.ravel(), rtol=0, atol=1e-8 * np.abs(tau).max())

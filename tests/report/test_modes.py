@@ -1,0 +1,178 @@
+"""Names of springs, energies of modes by configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.arm_modes import ANGLES, ARM, MOTOR, drawn, swinging
+from plants.report_values import fit_result
+
+from elastid.app.summaries import modes_of
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.model.formulation import formulate
+from elastid.model.kinematics import frame_poses
+from elastid.model.stick_figure import stick_figure
+from elastid.parameters import Parameter, ParameterSet
+from elastid.record import Configuration
+from elastid.report.figures.modes import mode_sketches
+from elastid.report.modes import SWING, ModeRow, load_name, mode_drawing, shares_in_words, spring_names
+from elastid.report.page.page import rendered
+from elastid.response import FrequencyResponse
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Motor, Placement, Robot, Rod, Spring
+
+
+def test_springs_are_called_what_they_are() -> None:
+    """Gears, shafts, what bends or twists amid a link, other joints, rods, and the weight."""
+    names = spring_names(ARM)
+    assert (names["k_2"], names["km_2"], names["k_b"], names["k_t"]) == (
+        "gear 2",
+        "shaft of motor 2",
+        "bending b",
+        "torsion t",
+    )
+    foot = Body("foot", joints=(Joint("y", "y", Spring(1e6)), Joint("1", "z", Spring(1e5), MOTOR)), inertia=1.0)
+    ends = (Anchor("foot"), Anchor("base", (1, 0, 0)))
+    loops = (Loop("coupler", ends, rod=Rod(1.0, stiffness=1e6)), Loop("rod", ends, rod=Rod(1.0, stiffness=1e6)))
+    robot = Robot("foot", (foot,), loops=loops, compensators=(Compensator("c", ends, CoilSpring(1.0)),))
+    names = spring_names(robot)
+    assert (names["k_y"], names["k_coupler"], names["k_rod"]) == ("joint y", "rod coupler", "rod")
+    assert (load_name(ARM), load_name(robot)) == ("weight", "weight and compensators")
+    assert set(formulate(ARM).springs) <= set(spring_names(ARM))
+    assert shares_in_words(["a", "b"], np.array([np.nan, np.nan])) == ""
+
+
+def test_energies_follow_the_numbers_of_a_configuration() -> None:
+    """A gear that is softer when warm holds more of the energy there; everything else is the same."""
+    parameters = ParameterSet(
+        (
+            *(Parameter(name, value, free=False) for name, (value, _) in ARM.parameters().items()),
+            Parameter("delay", 0.0, "s", free=False),
+            Parameter("k_2@warm", 2e5, log=True, only=("warm",)),
+        )
+    )
+    result = replace(
+        fit_result(), parameters=parameters, x=parameters.x, covariance=1e-4 * np.eye(1), at_bound=np.zeros(1, bool),
+        starts=(), singular_values=np.ones(1),
+    )  # fmt: skip
+    freq_hz = np.array([5.0, 10.0])
+    places, nothing = ARM.motor_locations, np.zeros((2, 3, 3), complex)
+    responses = [
+        FrequencyResponse(freq_hz, nothing, places, places, "acceleration", Configuration(name, np.array(ANGLES)))
+        for name in ("cold", "warm")
+    ]
+    cold, warm = modes_of(FittedRobot.of(result, ARM, responses))
+    assert cold.stores == ("gear 1", "gear 2", "bending b", "torsion t", "gear 3", "weight")
+    for row in (cold, warm):
+        np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)
+        assert row.drawing is not None
+    _, all_soft, *_ = swinging(ARM.with_parameters({"k_2": 2e5}))
+    np.testing.assert_allclose(warm.frequency_hz, all_soft, rtol=1e-9)
+    gear = cold.stores.index("gear 2")
+    assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)
+
+
+def test_coordinates_and_springs_are_written_from_the_largest_and_at_most_four():
+    """Coordinates from half of the largest motion, with their direction; springs from 5 % of the energy."""
+    shape = np.array([[0.49], [-0.6], [1.0], [0.9], [0.8], [0.7]])
+    energy = np.array([[0.04], [0.3], [0.36], [0.3]])
+    row = ModeRow(
+        "c", np.ones(1), np.ones(1), coordinates=tuple("abcdef"), shapes=shape, stores=tuple("wxyz"), energy=energy
+    )
+    assert row.modes[0][4:] == ("36 % y, 30 % x, 30 % z", "c +1.00, d +0.90, e +0.80, f +0.70")
+    two = replace(row, coordinates=("a", "b"), shapes=np.array([[0.5], [-1.0]]))
+    assert two.modes[0][5] == "b -1.00, a +0.50"
+    assert np.isnan(row.modes[0][1])
+    with pytest.raises(ValueError, match="of 3 names"):
+        replace(row, stores=tuple("xyz"))
+
+
+def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
+    """By one factor in all directions: differences of the pose along real and imaginary part of the shape."""
+    q, freq_hz, shapes, figure = swinging()
+    drawing = mode_drawing(figure, shapes, ARM.gravity)
+    assert drawing is not None
+    for mode in range(len(freq_hz)):
+        h, tool = 1e-6, []
+        for part in (shapes[:, mode].real, shapes[:, mode].imag):
+            ends = frame_poses(ARM, np.stack([q + h * part, q - h * part]), "tool").position
+            tool.append((ends[0] - ends[1]) / (2 * h))
+        expected, moved = tool[0] + 1j * tool[1], drawing.moved[-1, :, mode]
+        factor = (expected.conj() @ moved) / (expected.conj() @ expected)
+        np.testing.assert_allclose(moved, factor * expected, atol=1e-6 * np.abs(moved).max())
+
+
+def test_every_mode_swings_by_the_same_part_of_the_robot_s_size() -> None:
+    """And at t = 0 further than at any other time, however the damping turns the phases."""
+    drawing = drawn()
+    furthest = np.linalg.norm(drawing.moved.real, axis=1).max(axis=0)
+    np.testing.assert_allclose(furthest, SWING * np.ptp(drawing.points, axis=0).max())
+    turned = [((drawing.moved * np.exp(1j * a)).real ** 2).sum(axis=(0, 1)) for a in np.linspace(0, np.pi, 60)]
+    assert np.all(turned[0] >= np.max(turned, axis=0) * (1 - 1e-12))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1e-3, 1e3), st.floats(-np.pi, np.pi))
+def test_a_drawing_knows_neither_length_nor_phase_of_a_shape(length: float, phase: float) -> None:
+    _, _, shapes, figure = swinging()
+    one, other = (mode_drawing(figure, z * shapes, ARM.gravity) for z in (1.0, length * np.exp(1j * phase)))
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(one.moved, other.moved, atol=1e-9)
+
+
+def test_a_plane_mode_has_one_view_and_another_two() -> None:
+    """Up is up; the second view shows what the first cannot."""
+    plane = drawn(angles=(0.0, 0.3, -0.2))
+    views = [plane.views(mode) for mode in range(plane.moved.shape[2])]
+    assert {len(pair) for pair in views} == {1, 2}
+    for mode, pair in enumerate(views):
+        largest = np.abs(plane.moved[:, :, mode]).max(axis=0)
+        (missing,) = {0, 1, 2} - set(pair[0])
+        assert (len(pair) == 1) == (largest[missing] <= 0.1 * largest.max())
+        assert len(pair) == 1 or set(pair[0]) | set(pair[1]) == {0, 1, 2}
+        assert all(2 not in view or view[1] == 2 for view in pair)
+
+
+def test_a_robot_seen_end_on_is_no_view_of_it() -> None:
+    """A pole swings to all sides: from the side, not from above, where it is a point."""
+    pole = Robot(
+        "pole",
+        (
+            Body("a", joints=(Joint("1", "x", Spring(1e5), MOTOR), Joint("2", "y", Spring(1e5))), mass=10,
+                 center_of_mass=(0, 0, 1.0), inertia=1.0),
+        ),
+        gravity=(0, 0, 0),
+    )  # fmt: skip
+    figure = stick_figure(pole, np.zeros(2))
+    drawing = mode_drawing(figure, np.array([[1.0], [0.9]], complex), pole.gravity)
+    assert drawing is not None
+    assert set(drawing.views(0)) == {(0, 2), (1, 2)}
+
+
+def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
+    """All points in one; a motor alone; and one mode that moves no point beside one that does."""
+    one_point = Robot("bench", (Body("load", joints=(Joint("1", "z", Spring(50.0), MOTOR),), inertia=1e-3),))
+    _, _, shapes, figure = swinging(one_point, (0.0,))
+    assert shapes.size
+    assert mode_drawing(figure, shapes, (0, 0, 0)) is None
+    figure = stick_figure(ARM, np.zeros(5))
+    assert mode_drawing(figure, np.zeros((5, 2), complex), ARM.gravity) is None
+    assert mode_drawing(figure, np.zeros((5, 0), complex), ARM.gravity) is None
+    one = mode_drawing(figure, np.eye(5, 2, dtype=complex) * [1.0, 1e-9], ARM.gravity)
+    assert one is not None
+    assert np.abs(one.moved[:, :, 0]).max() > 0.1
+    assert not one.moved[:, :, 1].any()
+    rendered(mode_sketches(ModeRow("c", np.ones(2), np.ones(2)), one, "c", True), "png")
+
+
+def test_a_slide_moves_along_its_axis() -> None:
+    """Straight, and its mode is drawn."""
+    joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, 600.0), motion="translation")
+    load = Body("load", "carriage", Placement((0, 0, 0.3)), (Joint("e", "x", Spring(8e5), motion="translation"),), 25)
+    drawing = drawn(Robot("slide", (Body("carriage", joints=(joint,), mass=40), load)), (0.3,))
+    assert not drawing.moved[:, 1:].any()
+    assert drawing.views(0) == ((0, 2),)

@@ -1,0 +1,108 @@
+"""The twin of a joint whose friction was identified from a motion, moved along it again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.experiment.simulated.plant import exact_plant
+from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.result import JointFriction
+from elastid.model.formulation import EXACT
+from elastid.record import Configuration, FrictionRecord, FrictionRecords
+from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
+from elastid.robot.friction_numbers import with_laws
+from elastid.simulation.closed_loop import Commands, simulate
+from elastid.simulation.controller import Gains
+from elastid.validation.friction_twin import friction_runs
+from elastid.validation.twin_run import LINK, MOTION, TORQUE, TwinRun
+
+RATE_HZ, SECONDS = 500.0, 12.0
+COULOMB, VISCOUS = 20.0, 15.0
+CASCADE = CascadeSpec(30.0, 400.0, integral_time=0.05, velocity_feed_forward=1.0)
+TORQUE_STD = 0.2
+
+
+def swing(mass: float = 20.0) -> Robot:
+    """A pendulum on an elastic joint, with friction at its motor; a second joint that rests."""
+    motor = Motor(4e-4, 100.0, viscous=VISCOUS / 1e4, friction=Friction(COULOMB / 100))
+    joint = Joint("1", axis="y", motor=motor, spring=Spring(1e5, 60.0))
+    wrist = Joint("2", axis="z", motor=Motor(1e-4, 50.0))
+    return Robot(
+        "swing",
+        (
+            Body("link", joints=(joint,), mass=mass, center_of_mass=(0, 0, -0.4), inertia=1.0),
+            Body("hand", "link", joints=(wrist,), mass=1.0, inertia=0.1),
+        ),
+        gravity=(0.0, 0.0, -9.81),
+    )
+
+
+@pytest.fixture(scope="module")
+def record() -> FrictionRecord:
+    """Two sines under the cascade, the arm heavier by 5 kg than the robot's file."""
+    robot = swing(25.0)
+    plant, point = exact_plant(robot, EXACT, RATE_HZ, Configuration("start", np.zeros(2)))
+    t = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    reference = np.zeros((len(t), 2))
+    reference[:, 0] = 0.5 * (1 - np.cos(2 * np.pi * 0.25 * t)) + 0.1 * np.sin(2 * np.pi * 0.8 * t) ** 3
+    velocity, still = np.gradient(reference, 1 / RATE_HZ, axis=0), np.zeros_like(reference)
+    gains = Gains(np.array([12000.0, 12000.0]), np.array([400.0, 400.0]), np.array([20.0, 0.0]))
+    run = simulate(plant.loop, gains, Commands(reference, velocity, still, still, still), point.q)
+    noise = TORQUE_STD * np.random.default_rng(1).standard_normal(len(t))
+    link = run.q[:, plant.model.index("joint 1")]
+    return FrictionRecord(
+        "log", "1", "motion", RATE_HZ, run.reading[:, 0], run.u[:, 0] + noise, reference=reference[:, 0],
+        link_position=link, configuration=Configuration("log", np.zeros(2)),
+    )  # fmt: skip
+
+
+def regressed(record: FrictionRecord) -> MotionFriction:
+    return regress_motion(
+        Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True), passband_hz=10.0
+    )
+
+
+def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[TwinRun, ...]:
+    """Of the robot's file with the friction that the motion tells, 5 kg too light."""
+    found = regressed(record)
+    law = Friction(found.chosen["coulomb"])
+    joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
+    robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})
+    return friction_runs(robot, (joint,), FrictionRecords((record,)), controller)
+
+
+def test_the_twin_moves_as_its_log_under_torque_and_reference(record: FrictionRecord) -> None:
+    """Half a percent of angle and 2 % of torque, though its file lacks mass; without friction a tenth and more."""
+    under_torque, followed = runs_of(record, CASCADE)
+    assert (under_torque.drive, followed.drive, followed.held_hz) == ("torque", "reference", 0.0)
+    for run in (under_torque, followed):
+        assert not run.lost
+        (motion,), (torque,), (link,) = run.of(MOTION), run.of(TORQUE), run.of(LINK)
+        assert motion.error < 0.005
+        assert link.error < 0.005
+        assert torque.error < 0.02
+        assert torque.error_without_friction > 0.1
+    assert under_torque.of(MOTION)[0].error_without_friction > 0.1
+    assert under_torque.seconds == SECONDS
+
+
+def test_without_a_controller_or_a_reference_the_torque_alone_drives(record: FrictionRecord) -> None:
+    assert [run.drive for run in runs_of(record, None)] == ["torque"]
+    assert [run.drive for run in runs_of(replace(record, reference=None), CASCADE)] == ["torque"]
+    (run,) = runs_of(replace(record, link_position=None), None)
+    assert not run.of(LINK)
+
+
+def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:
+    """A velocity gain beyond what the sampled loop bears."""
+    _, followed = runs_of(record, CascadeSpec(30.0, 2e4))
+    assert "is lost" in followed.lost
+    assert not followed.signals
+
+
+def test_joints_without_a_motion_have_no_run() -> None:
+    assert friction_runs(swing(), (JointFriction("1", False),), FrictionRecords(()), None) == ()
