@@ -1,5 +1,13 @@
 """elastid: the elasticity of industrial robots, identified from frequency responses with honest intervals.
 
+Five nouns carry it, and a script from logs to stiffness needs no other name (`elastid.nouns`):
+
+- Robot       bodies, joints, springs, motors, loops                     Robot.read("robot.yml")
+- Record      sampled signals of one experiment                          Record.read(robot, ...)
+- Response    G (F, n_y, n_u) of one configuration, with covariance      Response.estimate(records)
+- Parameters  numbers of a robot: units, bounds, priors, which are free  Parameters.choose(robot, "k_*")
+- Result      estimates with intervals, covariance, status               Result.fit(responses, robot, parameters)
+
 Two wings end in the same value, FrequencyResponse, and meet in the fit:
 
      measured wing:  excitation -> experiment -> record -> frf -----.
@@ -12,6 +20,7 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
 Floors, from the top; a room imports from the floors below it only:
 
 - app           command line, table of stages, runs: file -> value -> file
+- nouns         the five nouns with their constructors
 - export study  models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
 - design nonlinear recorded validation  plans within limits; friction out of records; logs -> records; agreement
@@ -69,10 +78,14 @@ if TYPE_CHECKING:
     from elastid.model.formulation import formulate as formulate
     from elastid.model.formulation import serial as serial
     from elastid.model.spec import ModelSpec as ModelSpec
+    from elastid.nouns import Parameters as Parameters
+    from elastid.nouns import Record as Record
+    from elastid.nouns import Response as Response
+    from elastid.nouns import Result as Result
+    from elastid.nouns import Robot as Robot
     from elastid.record import Configuration as Configuration
     from elastid.record import FrictionRecord as FrictionRecord
     from elastid.record import FrictionRecords as FrictionRecords
-    from elastid.record import Record as Record
     from elastid.recorded.rig import RecordedRig as RecordedRig
     from elastid.response import Covariance as Covariance
     from elastid.response import FrequencyResponse as FrequencyResponse
@@ -82,7 +95,6 @@ if TYPE_CHECKING:
     from elastid.robot import Loop as Loop
     from elastid.robot import Motor as Motor
     from elastid.robot import Payload as Payload
-    from elastid.robot import Robot as Robot
     from elastid.robot import Rod as Rod
     from elastid.robot import Spring as Spring
     from elastid.store import read_fit as read_fit
@@ -104,8 +116,9 @@ __version__ = "0.1.0"
 
 # Which names a module has, in the order of the work.
 _NAMES = {
+    "elastid.nouns": ("Robot", "Record", "Response", "Parameters", "Result"),
     "elastid.study": ("load_study", "load_robot", "LoadedStudy", "Study"),
-    "elastid.robot": ("Robot", "Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction"),
+    "elastid.robot": ("Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction"),
     "elastid.excitation.spec": ("MultisineSpec",),
     "elastid.experiment.specs.experiment": ("ExperimentSpec",),
     "elastid.experiment.specs.simulated": ("SimulatedSpec", "ControllerSpec"),
@@ -116,7 +129,7 @@ _NAMES = {
     "elastid.experiment.simulated.plant": ("closed_loop_of",),
     "elastid.experiment.simulated.rig": ("SimulatedRig",),
     "elastid.recorded.rig": ("RecordedRig",),
-    "elastid.record": ("Configuration", "Record", "FrictionRecord", "FrictionRecords"),
+    "elastid.record": ("Configuration", "FrictionRecord", "FrictionRecords"),
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
     "elastid.response": ("Covariance", "FrequencyResponse"),

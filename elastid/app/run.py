@@ -238,7 +238,9 @@ def carry_out(run: Run, name: str) -> None:
         if not run.is_current(later):  # of another result; no program is to read it next to this one's
             run.summary(later).unlink(missing_ok=True)
     for file, write in artefacts.files.items():
-        write(own_path(run.folder, file), run.stamps[name])
+        # A link in place of a file is replaced, one in place of a folder refused.
+        path = run.folder / file if Path(file).suffix else own_path(run.folder, file)
+        write(path, run.stamps[name])
     if not isinstance(artefacts.error, KeyboardInterrupt):
         shutil.rmtree(run.partial(name), ignore_errors=True)
     artefacts.report(run.console)

@@ -83,7 +83,10 @@ def _name_rules(cls: Any) -> dict[str, tuple[NameRule | tuple[NameRule], Any]]:
     hints = get_type_hints(cls, include_extras=True)
     for each in fields(cls):
         default = None if each.default is MISSING else each.default
-        for hint in _alternatives(hints[each.name]):
+        whole = hints[each.name]
+        inner = get_args(whole)[0] if get_origin(whole) is Annotated else whole
+        has_members = get_origin(inner) in (dict, Union, UnionType)  # otherwise the rule is a mark of the field
+        for hint in _alternatives(inner) if has_members else (whole,):
             by_name = get_origin(hint) is dict
             marked = get_args(hint)[0] if by_name else hint
             marks = get_args(marked) if get_origin(marked) is Annotated else ()

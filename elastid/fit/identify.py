@@ -38,6 +38,7 @@ from elastid.fit.uncertainty.intervals import add_intervals
 from elastid.fit.weights.weights import check_factors
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
@@ -50,17 +51,19 @@ def identify(
     model: ModelSpec = EXACT,
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    parameters: ParameterSet | None = None,
 ) -> FitResult:
     """The parameters of `robot` that explain the responses of all configurations.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
+    parameters: those of `choose` if None, else these in place of spec.parameters.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution)
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters)
     try:
         optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
@@ -83,12 +86,17 @@ def fit_parameters(
 
 
 def _search(
-    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution
+    responses: Sequence[FrequencyResponse],
+    robot: Robot,
+    spec: FitSpec,
+    model: ModelSpec,
+    execution: Execution,
+    parameters: ParameterSet | None = None,
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
     """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_responses(responses, robot)
-    parameters = choose(spec, robot, [response.configuration.name for response in responses])
+    parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
     check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)

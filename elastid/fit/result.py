@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
@@ -101,6 +102,23 @@ def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
 
 
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified number in SI: value, standard deviation and the ends of its 95 % interval."""
+
+    name: str
+    value: float
+    std: float
+    low: float
+    high: float
+    unit: str
+
+    def __str__(self) -> str:
+        kept = digits(self.value, self.std)
+        ends = " to ".join(interval_of((self.low, self.high), kept))
+        return f"{self.name} = {number(self.value, kept)} {self.unit}, 95 % {ends}"
 
 
 @frozen_value
@@ -225,6 +243,11 @@ class FitResult:
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of one parameter; UnknownNameError for a name that was not identified."""
+        low, high = self.interval(name)
+        return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
 
     def to_dataframe(self) -> Any:
         """A `pandas.DataFrame` with a row for each parameter: value, std, low, high, unit, free; SI.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from elastid.base.names import Name, check_different
+from elastid.base.names import OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointPosition, JointTorque, JointVelocity, Mass, Ratio, Time
 
@@ -105,7 +105,8 @@ class LoadSpec:
     """A load under which all passes are repeated: a posture, a payload, or both."""
 
     # fmt: off
-    name: Annotated[Name, Key("Name of the load; logs name it too.", "short, since every level and figure carries it.")]
+    name: Annotated[OptionalName, Key("Name of the load; logs name it too.", "short, since every "
+        "level and figure carries it.")]
     configuration: Annotated[str | None, Key("Posture in which the other joints are held (default: the first of the "
         "experiment).", "postures in which gravity on the joint is small, medium and large give three loads without "
         "any weight.")] = None
@@ -222,6 +223,8 @@ class FrictionSpec:
         twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
         if twice:
             raise ValueError(f"joints: {twice[0]} is given twice; leave one out")
+        if not all(load.name for load in self.loads):
+            raise ValueError("loads: a load has an empty name; give it one, which logs name too")
         check_different("loads:", [load.name for load in self.loads])
         if not self.rate_hz > 0:
             raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")

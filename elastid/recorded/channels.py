@@ -161,7 +161,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     channels, path = [experiment.channels[i] for i in members], experiment.paths[number - 1]
     has_time = bool(recorded.time) and key == (1, rate_hz)
     if has_time:
-        channels = [*channels, ChannelSpec("y", "", recorded.time, quantity="position")]
+        channels = [*channels, ChannelSpec("y", "time", recorded.time, quantity="position")]
     part = _part(file, own_rate_hz / rate_hz) if number == 1 else slice(None)
     values = read_channels(path, channels, recorded.text, part)
     if part != slice(None):

@@ -1,0 +1,70 @@
+"""The five nouns: twelve lines from logs to stiffness, with the numbers of the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import elastid
+from elastid.app.cli import run_command
+from elastid.base.errors import StudyError, UnknownNameError
+
+SCRIPT = """
+from elastid import Parameters, Record, Response, Result, Robot
+robot = Robot.read(folder / "robot.yml")
+current = {"role": "u", "at": "motor 1", "channel": "current", "quantity": "current", "unit": "A"}
+channels = [
+    current | {"torque_constant": "0.17 N*m/A"},
+    {"role": "y", "at": "motor 1", "channel": "motor_angle", "quantity": "position", "unit": "rad"},
+    {"role": "y", "at": "joint 1", "channel": "load_angle", "quantity": "position", "unit": "rad"},
+]
+files = [{"path": f"logs/bench_{i + 1}.csv", "configuration": "bench", "realisation": i} for i in range(2)]
+log = {"rate_hz": 1000, "period": "2 s", "hold": "zero-order", "channels": channels, "files": files}
+records = Record.read(robot, configurations={"bench": [0]}, folder=folder, **log)
+parameters = Parameters.choose(robot, "k_1", "d_1", "Jm_1", "I_load", "fm_1")
+result = Result.fit(Response.estimate(records), robot, parameters)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("nouns") / "bench"
+    assert run_command(["new", str(folder), "--template", "recorded"]) == 0
+    return folder
+
+
+def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) -> None:
+    """The same records, responses and fit; arrays of a file lie elsewhere in memory, which moves the last bit."""
+    names: dict[str, object] = {"folder": folder}
+    exec(SCRIPT, names)
+    result = names["result"]
+    assert isinstance(result, elastid.Result)
+    assert run_command(["fit", str(folder / "study.yml"), "--run", str(folder / "run")]) == 2  # no records yet
+    for stage in ("measure", "estimate", "fit"):
+        assert run_command([stage, str(folder / "study.yml"), "--run", str(folder / "run"), "--jobs", "1"]) == 0
+    of_command = elastid.Result.load(folder / "run" / "fit.h5")
+    np.testing.assert_allclose(result.x, of_command.x, rtol=1e-12)
+    np.testing.assert_allclose(result.covariance, of_command.covariance, rtol=1e-6)
+    k = result["k_1"]
+    assert k.low < 64.0 < k.high  # the truth of the template's logs
+    assert str(k).startswith("k_1 = 6") and "N*m/rad, 95 %" in str(k)
+    with pytest.raises(UnknownNameError, match="k_9 is no parameter of this fit; identified are k_1"):
+        result["k_9"]
+
+
+def test_a_noun_makes_and_recognises_the_values_of_the_house() -> None:
+    joint = elastid.Joint("1", "z", motor=elastid.Motor(inertia=1e-3, ratio=100.0))
+    robot = elastid.Robot("bench", (elastid.Body("load", joints=(joint,), inertia=1.0),))
+    assert type(robot).__module__ == "elastid.robot.robot"
+    assert isinstance(robot, elastid.Robot)
+    assert not isinstance(robot, elastid.Result)
+
+
+def test_wrong_keys_are_named(folder: Path) -> None:
+    robot = elastid.Robot.read(folder / "robot.yml")
+    with pytest.raises(StudyError, match="recorded.chanels: unknown key; did you mean 'channels'"):
+        elastid.Record.read(robot, configurations={"bench": [0]}, rate_hz=1000, chanels=[], channels=[], files=[])
+    with pytest.raises(StudyError, match="no parameter of the robot is called 'k_7'"):
+        elastid.Parameters.choose(robot, "k_7")
+    with pytest.raises(StudyError, match="start"):
+        elastid.Parameters.choose(robot, k_1={"start": "5 kg"})
