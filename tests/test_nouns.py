@@ -47,7 +47,8 @@ def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) 
     np.testing.assert_allclose(result.covariance, of_command.covariance, rtol=1e-6)
     k = result["k_1"]
     assert k.low < 64.0 < k.high  # the truth of the template's logs
-    assert str(k).startswith("k_1 = 6") and "N*m/rad, 95 %" in str(k)
+    assert str(k).startswith("k_1 = 6")
+    assert "N*m/rad, 95 %" in str(k)
     with pytest.raises(UnknownNameError, match="k_9 is no parameter of this fit; identified are k_1"):
         result["k_9"]
 
@@ -62,7 +63,7 @@ def test_a_noun_makes_and_recognises_the_values_of_the_house() -> None:
 
 def test_wrong_keys_are_named(folder: Path) -> None:
     robot = elastid.Robot.read(folder / "robot.yml")
-    with pytest.raises(StudyError, match="recorded.chanels: unknown key; did you mean 'channels'"):
+    with pytest.raises(StudyError, match=r"recorded\.chanels: unknown key; did you mean 'channels'"):
         elastid.Record.read(robot, configurations={"bench": [0]}, rate_hz=1000, chanels=[], channels=[], files=[])
     with pytest.raises(StudyError, match="no parameter of the robot is called 'k_7'"):
         elastid.Parameters.choose(robot, "k_7")

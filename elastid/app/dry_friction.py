@@ -9,9 +9,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.parameters import Parameter
-from elastid.report.friction_content import friction_rows
 from elastid.robot import Robot
 from elastid.study import Study
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.friction_content import friction_rows
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction

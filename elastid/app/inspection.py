@@ -16,13 +16,14 @@ from elastid.base.arrays import FloatArray, ValueRange, shown_values, value_rang
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
+from elastid.nonlinear.result import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog, StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
-from elastid.report.friction_content import friction_rows, refusals
+from elastid.report.friction_content import refusals
 from elastid.store import described as described_artefact
 from elastid.store import is_as_written, is_intact, kind_of, read_fit, read_friction
 from elastid.store.friction_study import FRICTION, read_friction_result

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.label import labelled
 from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.shapes import Shape
 
 
@@ -93,3 +94,31 @@ class FrictionTakenOut:
 
     def _combined(self, row: FloatArray) -> tuple[float, float]:
         return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+
+
+@dataclass(frozen=True)
+class FrictionRow:
+    """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
+
+    kept_share: of the power of the unexplained torque that is left in realisations which the levels were not fitted to.
+    """
+
+    place: str
+    unit: str
+    kept_share: float
+    level: float | None = None
+    std: float | None = None
+    interval: tuple[float, float] | None = None
+
+
+def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
+    """One row for each motor that was looked at, in their order."""
+    rows, taken = [], friction.taken_places()
+    for place, unit, kept in zip(friction.places, friction.place_units, friction.kept_share.tolist(), strict=True):
+        if place not in taken:
+            rows.append(FrictionRow(place, unit, kept))
+            continue
+        level, std = friction.sliding_level(place)
+        interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
+        rows.append(FrictionRow(place, unit, kept, level, std, interval))
+    return tuple(rows)

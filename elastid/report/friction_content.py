@@ -11,7 +11,6 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.nonlinear.result import FrictionTakenOut
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
@@ -119,38 +118,6 @@ def with_interval(each: FrictionNumber) -> str:
     """Value and half of its 95 % interval with the unit: `9.71 ± 0.02 N*m`."""
     half = (each.high - each.low) / 2
     return f"{number(each.value, digits(each.value, half))} ± {number(half, 2)} {each.unit}".rstrip()
-
-
-# Quantile of 95 % intervals.
-_Z_95 = 1.96
-
-
-@dataclass(frozen=True)
-class FrictionRow:
-    """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
-
-    kept_share: of the power of the unexplained torque that is left in realisations which the levels were not fitted to.
-    """
-
-    place: str
-    unit: str
-    kept_share: float
-    level: float | None = None
-    std: float | None = None
-    interval: tuple[float, float] | None = None
-
-
-def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
-    """One row for each motor that was looked at, in their order."""
-    rows, taken = [], friction.taken_places()
-    for place, unit, kept in zip(friction.places, friction.place_units, friction.kept_share.tolist(), strict=True):
-        if place not in taken:
-            rows.append(FrictionRow(place, unit, kept))
-            continue
-        level, std = friction.sliding_level(place)
-        interval = (max(level - _Z_95 * std, 0.0), level + _Z_95 * std)
-        rows.append(FrictionRow(place, unit, kept, level, std, interval))
-    return tuple(rows)
 
 
 # Of the table of an identified friction law, as `number_cells` fills it.

@@ -7,7 +7,7 @@ import math
 import pytest
 from plants.taken_friction import LEVELS, STDS, taken_friction
 
-from elastid.report.friction_content import friction_rows
+from elastid.nonlinear.result import friction_rows
 
 
 def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> None:

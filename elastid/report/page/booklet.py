@@ -15,11 +15,10 @@ from matplotlib.transforms import Bbox
 
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.note import NoteGroup
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionRow, FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow, ReportContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.friction_content import FrictionRow, friction_rows
 from elastid.report.modes import ModeRow
 from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
 from elastid.validation.twin import describe_balance

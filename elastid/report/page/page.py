@@ -21,10 +21,10 @@ from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.base.note import grouped
+from elastid.nonlinear.result import friction_rows
 from elastid.report.content import ReportContent, parameter_rows
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
 from elastid.report.figures.style import own_style
-from elastid.report.friction_content import friction_rows
 from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
 from elastid.report.page.explorer import asset, explorer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
