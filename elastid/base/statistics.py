@@ -1,9 +1,11 @@
-r"""Quantiles and tests that several rooms share: normal, t, chi-square and F; robust scale; false discovery control."""
+"""Quantiles and tests that several rooms share: normal, t, chi-square and F; robust scale; false discovery control.
+
+SciPy is imported where it is used: stages that need the constants alone do not wait for it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtrc, ndtri, stdtrit
 
 from elastid.base.arrays import BoolArray, FloatArray
 
@@ -21,6 +23,8 @@ def small_sample_factor(n: int) -> float:
     >>> round(small_sample_factor(4), 3)
     1.624
     """
+    from scipy.special import ndtri, stdtrit
+
     return float(stdtrit(n - 1, 0.975) / ndtri(0.975))
 
 
@@ -30,11 +34,15 @@ def chi_square_limit(dof: int, tail: float) -> float:
     >>> round(chi_square_limit(1, 0.05), 3)
     3.841
     """
+    from scipy.special import chdtri
+
     return float(chdtri(dof, tail))
 
 
 def chi_square_tail(value: float, dof: float) -> float:
     """The probability that a chi-square variable of `dof` degrees of freedom exceeds `value`."""
+    from scipy.special import chdtrc
+
     return float(chdtrc(dof, value))
 
 
@@ -48,6 +56,8 @@ def f_test(drop: float, added: int, left: float, dof: float) -> float:
     >>> f_test(-1e-9, 1, 10.0, 10)
     1.0
     """
+    from scipy.special import fdtrc
+
     return float(fdtrc(added, dof, max(drop, 0.0) / added / max(left / dof, 1e-300)))
 
 
