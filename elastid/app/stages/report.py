@@ -13,15 +13,11 @@ from elastid.app.summaries import modes_of, truth
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.export.csv import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
-from elastid.frf.peaks import peaks
-from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import FigureFormat, write_report
-from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store import (
@@ -109,33 +105,3 @@ def page_artefacts(
             console.say(line)
 
     return Artefacts({**further, "report.html": write}, report)
-
-
-def report_responses(
-    *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
-) -> Artefacts:
-    """The page, figures and peaks.csv of responses without a robot."""
-    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
-    resonances = tuple(peaks(response) for response in responses)
-    # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
-    if friction is not None and estimator.friction == "auto" and not friction.shapes:
-        friction = None
-    content = ResponsesContent(
-        title=name,
-        responses=responses,
-        peaks=resonances,
-        study_text=text,
-        provenance=work.stamp.shown,
-        friction=friction,
-    )
-    lines = []
-    for response, own in zip(responses, resonances, strict=True):
-        frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
-        unit = "Hz" if response.rate_is_known else "of the sampling rate"
-        words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
-        lines.append(f"report: {response.configuration.name}: {words}")
-
-    def table(path: Path, stamp: Stamp) -> None:
-        write_peaks(path, responses, resonances)
-
-    return page_artefacts(write_page_of_responses, content, report, work, {"peaks.csv": table}, lines)
