@@ -84,17 +84,17 @@ class Parameter:
 
     @property
     def is_free(self) -> bool:
-        """Whether the solver has a variable for it: neither fixed nor tied."""
+        """True if the solver has a variable for it: neither fixed nor tied."""
         return self.free and self.tie is None
 
     @property
     def is_of_model(self) -> bool:
-        """Whether it is one of theta, and not a ratio or a stand-in."""
+        """True if it is part of theta, and not a ratio or a stand-in."""
         return not self.only and not self.ratio
 
     @property
     def stands_for(self) -> str:
-        """The parameter of the model in whose place it is."""
+        """The parameter of the model that it replaces."""
         return self.name.partition("@")[0]
 
     def to_x(self, value: float) -> float:
@@ -170,7 +170,7 @@ class ParameterSet:
     def moved(self, configuration: str = "") -> tuple[str, ...]:
         """Names of those of theta that x moves in a configuration, in the order of theta: free ones and those tied."""
         moves = np.any(self._chain(configuration).reach, axis=1)
-        return tuple(name for name, one in zip(self.names, moves, strict=True) if one)
+        return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
     @property
     def theta(self) -> FloatArray:
@@ -214,7 +214,7 @@ class ParameterSet:
         return self._chains[local]
 
     def configuration_of_its_own(self, configuration: str) -> str:
-        """The name of a configuration for which a parameter has a stand-in; empty for all others, which are alike."""
+        """The name of a configuration for which a parameter has a stand-in; empty for all others."""
         return configuration if configuration in self._with_their_own else ""
 
     @cached_property
@@ -238,24 +238,24 @@ class ParameterSet:
 
         The mean is of the solver's variable: geometric for logarithmic parameters.
         """
-        at = self.as_dict(x)
+        values = self.as_dict(x)
 
-        def of(p: Parameter) -> Parameter:
+        def with_mean(p: Parameter) -> Parameter:
             own = [other for other in self.parameters if other.only and other.stands_for == p.name]
             if p.free or p.tie is not None or p.only or not own:
                 return p
-            mean = sum(p.to_x(at[other.name]) for other in own) / len(own)
+            mean = sum(p.to_x(values[other.name]) for other in own) / len(own)
             return replace(p, value=math.exp(mean) if p.log else mean)
 
-        return ParameterSet(tuple(of(p) for p in self.parameters))
+        return ParameterSet(tuple(with_mean(p) for p in self.parameters))
 
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
         x = self.x if x is None else x
-        found = dict(zip(self.names, self.expand(x).tolist(), strict=True))
+        theta = dict(zip(self.names, self.expand(x).tolist(), strict=True))
         free = dict(zip(self.free_names, self._natural(x).tolist(), strict=True))
-        others = (p for p in self.parameters if not p.is_of_model)
-        return Named("parameter", found | {p.name: free.get(p.name, p.value) for p in others})
+        outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
+        return Named("parameter", theta | outside)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class _Chain:
 
     @cached_property
     def reach(self) -> BoolArray:
-        """Which of z (n_x,) move which of theta (n_theta, n_x)."""
+        """Flags (n_theta, n_x): theta_p depends on z_i."""
         return np.asarray((self.gain != 0) | (self.by_gain != 0))
 
     def theta(self, z: FloatArray) -> FloatArray:
@@ -278,8 +278,8 @@ class _Chain:
 
     def slopes(self, z: FloatArray) -> FloatArray:
         """d theta / d z (n_theta, n_x)."""
-        one, other = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
-        return np.asarray(self.gain * other[:, None] + one[:, None] * self.by_gain)
+        value, by = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
+        return np.asarray(self.gain * by[:, None] + value[:, None] * self.by_gain)
 
 
 def _chain(model: list[Parameter], parameters: ParameterSet) -> _Chain:

@@ -39,7 +39,7 @@ def motion_unit(quantity: Motion, slides: bool) -> str:
 
 
 def drive_unit(slides: bool) -> str:
-    """The SI unit of what drives a motion: a force where it translates, else a torque."""
+    """The SI unit of the drive of a motion: a force where it translates, else a torque."""
     return of_translation("N*m") if slides else "N*m"
 
 
@@ -56,7 +56,7 @@ class HeldTorque:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether all inputs and outputs are alike."""
+        """True if all inputs are held at one rate and all or no outputs are sampled."""
         return len(set(self.rates_hz)) == 1 and len(set(self.sampled)) == 1
 
 
@@ -200,6 +200,11 @@ class Record:
     def repeat_samples(self) -> int:
         """Samples after which the signals repeat: a period, or half of one (then with opposite sign)."""
         return self.period_samples // 2 if self.half_wave else self.period_samples
+
+    @property
+    def n_repeats(self) -> int:
+        """Whole repetitions in the record: periods, or half periods."""
+        return self.n_samples // self.repeat_samples
 
     @property
     def n_periods(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,8 +17,23 @@ from elastid.frf.methods import AVERAGED
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import FrequencyResponse
 
-# Clocks of logs differ by so little that their lines are the same ones.
-_MAX_CLOCK_DIFFERENCE = 1e-4
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the checks; false-alarm rates: not measured."""
+
+    clock_difference: float = 1e-4  # of logs, relative, up to which their lines are the same ones
+    power_ratio: float = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
+    phase_difference: float = 0.2  # of the inputs of two realisations, relative, below which they have the same phases
+    lines: int = 1000  # evenly taken, that show phases and signs as well as all
+    highest_share: float = 1 / 3  # of the lines, from the highest down, that is above the resonances
+    relative_gain: float = 0.7  # of each element that an exchange of channels puts on the diagonal, at least
+    mean_gain: float = 0.5  # of these elements by the exchange, in the mean, at least
+    sigmas: float = 2.0  # by which a real part differs from zero to count
+    passive_lines: int = 3  # more with the other sign, at least, for a sign to be wrong
+
+
+LIMITS = Limits()
 
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
@@ -38,7 +54,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
         # Without a period each record has its own length.
         for name in [*names, "period_samples"] if first.is_periodic else names:
             a, b = getattr(first, name), getattr(record, name)
-            is_same = abs(a - b) <= _MAX_CLOCK_DIFFERENCE * a if name == "rate_hz" else a == b
+            is_same = abs(a - b) <= LIMITS.clock_difference * a if name == "rate_hz" else a == b
             if not is_same:
                 raise DataError(
                     f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
@@ -64,21 +80,13 @@ def refuse_few_experiments(groups: Sequence[Sequence[Record]], method: str) -> N
         counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
     else:
         counts = {"all realisations": sum(map(len, groups))}
-    for what, count in counts.items():
+    for realisation, count in counts.items():
         if count < n_u:
             raise DataError(
-                f"configuration {first.configuration.name}, {what}: {count} experiments for "
+                f"configuration {first.configuration.name}, {realisation}: {count} experiments for "
                 f"{n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least {n_u} that move the inputs "
                 "in different ways (number them as its experiments 0, 1, ...)"
             )
-
-
-# Power of the weakest over the strongest combination of inputs, below which rounding decides.
-_MIN_POWER_RATIO = 1e-12
-# Realisations whose inputs differ by less than this part have the same phases.
-_SAME_PHASES_DIFFERENCE = 0.2
-# So many lines, evenly taken, show that as well as all.
-_MAX_LINES = 1000
 
 
 def separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
@@ -87,7 +95,7 @@ def separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]],
     Raises DataError where there is no such line.
     """
     if method in AVERAGED:
-        return np.asarray(np.all([_separated(*each) for each in zip(blocks, groups, strict=True)], axis=0))
+        return np.asarray(np.all([_separated(*pair) for pair in zip(blocks, groups, strict=True)], axis=0))
     return _separated(pooled(blocks), groups[0])
 
 
@@ -97,7 +105,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     of_mean = block.input_noise * np.mean(1 / block.periods)
     noise = MIN_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
     total = squared_magnitude(block.U).sum(axis=2) @ (1 / (E * rms**2))
-    least = np.maximum(noise, _MIN_POWER_RATIO * total)
+    least = np.maximum(noise, LIMITS.power_ratio * total)
     # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
     separated = _weakest_at_least(block, least)
     doubtful = np.flatnonzero(~separated)
@@ -141,11 +149,11 @@ def left_out_note(lines: IntArray, some_are_left: np.bool_, record: Record) -> N
 
 
 def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
-    """A note on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
+    """A note on each pair of realisations of the same excitation, which do not show nonlinear distortion."""
     notes = []
     for m in range(1, len(blocks)):
-        a, b = (each.U[:: -(-len(each.U) // _MAX_LINES)] for each in (blocks[m - 1], blocks[m]))
-        if a.shape == b.shape and np.linalg.norm(a - b) < _SAME_PHASES_DIFFERENCE * np.linalg.norm(a):
+        a, b = (block.U[:: -(-len(block.U) // LIMITS.lines)] for block in (blocks[m - 1], blocks[m]))
+        if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.phase_difference * np.linalg.norm(a):
             notes.append(
                 Note(
                     "same-phases",
@@ -154,19 +162,6 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
                 )
             )
     return notes
-
-
-# The part of the lines, from the highest down, that is above the resonances.
-_HIGHEST_SHARE = 1 / 3
-# An exchange makes each element that it puts on the diagonal at least so large, and gains so much in the mean.
-_MIN_RELATIVE_GAIN = 0.7
-_MIN_MEAN_GAIN = 0.5
-# Delays that are allowed for: up to half a turn of phase at the highest line.
-_DELAY_TURNS = np.linspace(0.0, 0.5, 26)
-# A real part counts that differs from zero by so many standard deviations.
-_MIN_SIGMAS = 2.0
-# A sign is wrong where at least so many lines more are passive the other way round.
-_MIN_LINES = 3
 
 
 def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
@@ -190,7 +185,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     """Output place -> input place, for those of the places that another motor moves more than their own."""
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
-    G = response.G[-max(1, round(_HIGHEST_SHARE * response.n_lines)) :][:, rows][:, :, columns]
+    G = response.G[-max(1, round(LIMITS.highest_share * response.n_lines)) :][:, rows][:, :, columns]
     # Relative gains do not depend on scales; without this, units could make the matrix look singular.
     G = G / _geometric_scale(G)
     try:
@@ -207,11 +202,9 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     _, best = linear_sum_assignment(-Lambda)
     on_best, on_own = Lambda[np.arange(len(places)), best], np.diag(Lambda)
     moved = best != np.arange(len(places))
-    if (
-        not moved.any()
-        or on_best[moved].min() < _MIN_RELATIVE_GAIN
-        or np.mean(on_best[moved] - on_own[moved]) < _MIN_MEAN_GAIN
-    ):
+    if not moved.any() or on_best[moved].min() < LIMITS.relative_gain:
+        return {}
+    if np.mean(on_best[moved] - on_own[moved]) < LIMITS.mean_gain:
         return {}
     return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
 
@@ -226,7 +219,7 @@ def _geometric_scale(G: ComplexArray) -> FloatArray:
 def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, ...]:
     """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
     notes = []
-    few = slice(None, None, -(-response.n_lines // _MAX_LINES))
+    few = slice(None, None, -(-response.n_lines // LIMITS.lines))
     freq_hz, order = response.freq_hz[few], MOTION_ORDER["velocity"] - MOTION_ORDER[response.quantity]
     j_omega = 2j * np.pi * freq_hz
     for name in places:
@@ -238,7 +231,7 @@ def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, .
         std = np.sqrt(variance / 2) * np.abs(j_omega) ** order
         as_is, _ = _passive_lines(freq_hz, velocity, std)
         turned, negative = _passive_lines(freq_hz, -velocity, std)
-        if turned - as_is >= _MIN_LINES and turned > 2 * as_is:
+        if turned - as_is >= LIMITS.passive_lines and turned > 2 * as_is:
             notes.append(
                 Note(
                     "wrong-sign",
@@ -256,8 +249,9 @@ def _passive_lines(freq_hz: FloatArray, velocity: ComplexArray, std: FloatArray)
 
     A line is passive where Re(velocity / torque) is positive beyond noise, and active where it is negative.
     """
-    phase = np.exp(2j * np.pi * np.outer(_DELAY_TURNS, freq_hz / freq_hz[-1]))
+    # Delays of up to half a turn of phase at the highest line are allowed for.
+    phase = np.exp(2j * np.pi * np.outer(np.linspace(0.0, 0.5, 26), freq_hz / freq_hz[-1]))
     real = (velocity * phase).real
-    positive, negative = (np.sum(sign * real > _MIN_SIGMAS * std, axis=1) for sign in (1, -1))
+    positive, negative = (np.sum(sign * real > LIMITS.sigmas * std, axis=1) for sign in (1, -1))
     best = int(np.argmax(positive - negative))
     return int(positive[best] - negative[best]), int(positive[best])

@@ -26,9 +26,6 @@ from elastid.frf.matrices import added_error_products, adjoint, in_parts, positi
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
-# Degrees of freedom over rows of a sample covariance of vec G, at least; with fewer its inverse is useless.
-_MIN_DOF_RATIO = 2
-
 
 def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
@@ -44,10 +41,10 @@ def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
 
 def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
     """Covariance of vec G by the disturbing noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
-    P = np.concatenate([each.periods for each in blocks])
+    P = np.concatenate([block.periods for block in blocks])
     if np.ptp(P) == 0:
         return kronecker(estimate.left / P[0], C_V, dof)
-    weighted = [W / np.sqrt(each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True)]
+    weighted = [W / np.sqrt(block.periods[:, None]) for block, W in zip(blocks, estimate.W, strict=True)]
     return kronecker(replace(estimate, W=tuple(weighted)).left, C_V, dof)
 
 
@@ -58,7 +55,7 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
 
     .. math:: C_T = \frac{D D^H}{K - 2 n_u + tr(W^H W\, U U^H)}
 
-    The denominator is K - n_u where all are excited alike and makes C_T unbiased where they are not.  None for one
+    The denominator is K - n_u where all have one excitation and makes C_T unbiased where they do not.  None for one
     realisation, or where no experiment is left over when G is fitted.
     """
     n_u = estimate.G.shape[2]
@@ -66,7 +63,7 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     if len(data.blocks) < 2 or n_u >= K:
         return None
     expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
-    D_squared = added_error_products([each.Y for each in data.blocks], estimate.G, [each.U for each in data.blocks])
+    D_squared = added_error_products([block.Y for block in data.blocks], estimate.G, [block.U for block in data.blocks])
     D_squared /= expected[:, None, None]
     return D_squared, K - n_u
 
@@ -75,13 +72,16 @@ def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexAr
     """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
     The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it
-    does not assume that every experiment is disturbed alike.
+    does not assume the same disturbance in every experiment.  With fewer its inverse is useless.
     """
     _, n_y, n_u = estimate.G.shape
     M = len(blocks)
-    if n_u > 1 and _MIN_DOF_RATIO * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
-        return _sample_covariance(blocks, estimate.G)
-    return kronecker(estimate.left, C_T, dof)
+    if n_u == 1 or 2 * n_y * n_u > M - 1 or any(block.U.shape[2] < n_u for block in blocks):
+        return kronecker(estimate.left, C_T, dof)
+    D = np.stack([block.Y @ block.W for block in blocks])
+    D = D - D.mean(axis=0)
+    vec = D.transpose(1, 3, 2, 0).reshape(len(estimate.G), -1, M)
+    return full_covariance(vec @ adjoint(vec) / (M - 1) / M, estimate.G.shape, M - 1)
 
 
 def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
@@ -103,8 +103,8 @@ def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covar
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
     """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
-    for each in (left, right, variance):
-        each.flags.writeable = False  # so that nobody copies them
+    for array in (left, right, variance):
+        array.flags.writeable = False  # so that no copy is needed
     return Covariance(variance, dof) if right.shape[1] > dof else Covariance(variance, dof, left, right)
 
 
@@ -129,11 +129,3 @@ def form_notes(noise: Covariance, total: Covariance | None) -> list[Note]:
         )
         notes.append(Note("covariance-form", f"the {name} of G has {form}", severity="information"))
     return notes
-
-
-def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
-    M, shape = len(blocks), G.shape
-    D = np.stack([each.Y @ each.W for each in blocks])
-    D = D - D.mean(axis=0)
-    vec = D.transpose(1, 3, 2, 0).reshape(shape[0], -1, M)
-    return full_covariance(vec @ adjoint(vec) / (M - 1) / M, shape, M - 1)

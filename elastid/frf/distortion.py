@@ -21,11 +21,6 @@ from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import adjoint, power
 from elastid.response import Levels
 
-# The fast method averages over so many odd detection lines, or over more where the outputs are many.
-_MIN_WINDOW = 3
-# Odd lines left out on purpose are at least this part of the excited ones.
-_MIN_LEFT_OUT_SHARE = 0.1
-
 
 @dataclass(frozen=True)
 class Detected:
@@ -66,36 +61,33 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
     return Detected(levels(~odd), levels(odd), detection[odd], error - of_noise[odd], Y_c.shape[2])
 
 
-def interpolated(at: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray:
+def interpolated(wanted: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray:
     """G (K, n_y, n_u) at DFT lines `at`, linear in frequency between lines (F,)."""
-    right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
+    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
     left = right - 1
-    part = ((at - lines[left]) / (lines[right] - lines[left]))[:, None, None]
+    part = ((wanted - lines[left]) / (lines[right] - lines[left]))[:, None, None]
     return np.asarray((1 - part) * G[left] + part * G[right])
 
 
 def fast_total_error(
-    found: Detected, lines: IntArray, of_noise: ComplexArray, dof: int
+    detected: Detected, lines: IntArray, of_noise: ComplexArray, dof: int
 ) -> tuple[ComplexArray, float] | None:
     """C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from the odd detection lines near by.
 
-    One realisation is enough (the fast method): a random grid distorts its excited and its left-out odd lines alike.
+    One realisation is enough (the fast method): a random grid distorts excited and left-out odd lines equally.
     Not so the noise, which at the inputs follows the resonances: of_noise (F, n_y, n_y), of `dof`, is each line's own.
     None where too few odd lines were left out.
     """
-    n_y, K = found.excess.shape[1], len(found.odd_lines)
-    window = max(_MIN_WINDOW, -(-2 * n_y // found.count))
-    if max(window, _MIN_LEFT_OUT_SHARE * len(lines)) > K:
+    n_y, K = detected.excess.shape[1], len(detected.odd_lines)
+    window = max(3, -(-2 * n_y // detected.count))
+    # Odd lines that are left out on purpose are at least a tenth of the excited ones.
+    if max(window, 0.1 * len(lines)) > K:
         return None
-    first = np.clip(np.searchsorted(found.odd_lines, lines) - window // 2, 0, K - window)
-    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(found.excess, axis=0)])
-    of_distortion = _positive((sums[first + window] - sums[first]) / window)
-    parts = [float(np.einsum("fii->", each).real) for each in (of_noise, of_distortion)]
-    spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * found.count)
+    first = np.clip(np.searchsorted(detected.odd_lines, lines) - window // 2, 0, K - window)
+    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detected.excess, axis=0)])
+    values, vectors = np.linalg.eigh((sums[first + window] - sums[first]) / window)
+    # Without what is negative by chance.
+    of_distortion = np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ adjoint(vectors))
+    parts = [float(np.einsum("fii->", covariance).real) for covariance in (of_noise, of_distortion)]
+    spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * detected.count)
     return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)
-
-
-def _positive(C: ComplexArray) -> ComplexArray:
-    """Hermitian matrices (F, n, n) without what is negative in them by chance."""
-    values, vectors = np.linalg.eigh(C)
-    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ adjoint(vectors))

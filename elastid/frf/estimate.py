@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
@@ -35,22 +35,17 @@ from elastid.frf.friction_bias import friction_bias
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
-from elastid.frf.measured_response import measured_response
 from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT, TotalError
-from elastid.frf.quality import input_notes, measured_quality, output_notes
+from elastid.frf.quality import input_notes, measured_quality, measured_response, output_notes
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import RecordSpectra, refuse_uncomputable
 from elastid.frf.welch import welch_response
 from elastid.record import Record
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import FrequencyResponse
 
 WELCH = ("h1", "h2", "hv")
-_LOCAL = ("local_polynomial", "local_rational")
-# Lines that `auto` gives to a local method, at most: about half a minute for one input.
-_MAX_LOCAL_LINES = 50_000
-# Records of this part of the longest are cut to one length for a local method; shorter ones are refused.
-_MIN_LENGTH_SHARE = 0.5
+LOCAL = ("local_polynomial", "local_rational")
 
 
 def response_without_period(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
@@ -82,7 +77,8 @@ def choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tup
     count = len(grid_lines("full", band_hz, first.rate_hz, shortest))
     known = all(record.r is not None for record in records)
     method: Method
-    if count > _MAX_LOCAL_LINES and spec.resolution_hz is None and not known:
+    # More lines take a local method over half a minute for one input.
+    if count > 50_000 and spec.resolution_hz is None and not known:
         method = "h1"
         reason = f"a local method would fit {count} lines, and records so long leave many segments"
     else:
@@ -97,7 +93,7 @@ def choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tup
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
     name = records[0].name
-    if spec.method not in ("auto", *_LOCAL, *WELCH):
+    if spec.method not in ("auto", *LOCAL, *WELCH):
         raise StudyError(
             f"record {name} has no period, which estimator.method {spec.method} needs; take auto, local_rational, "
             "local_polynomial, h1, h2 or hv, or state the period of the record where it has one"
@@ -123,7 +119,7 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
     first = records[0]
     where = f"configuration {first.configuration.name}"
     seconds = f"{n / first.rate_hz:g} to {lengths.max() / first.rate_hz:g} s"
-    if n < _MIN_LENGTH_SHARE * lengths.max():
+    if n < 0.5 * lengths.max():
         raise DataError(
             f"{where}: its records last {seconds}, and a local method needs one length: cut them with "
             "samples: [first, last], or take estimator.method h1"
@@ -135,9 +131,6 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
 def _cut(record: Record, n: int) -> Record:
     r = None if record.r is None else record.r[:n]
     return replace(record, u=record.u[:n], y=record.y[:n], r=r, period_samples=n)
-
-
-LOCAL = ("local_polynomial", "local_rational")
 
 
 def estimate(
@@ -185,7 +178,7 @@ def _from_periods(
     first = groups[0][0]
     known = lines_are_known(spec, planned_lines)
     spectra = [[RecordSpectra(r) if known else RecordSpectra(r).with_driver() for r in group] for group in groups]
-    lines = analysed_lines([each for group in spectra for each in group], spec, planned_lines)
+    lines = analysed_lines([record_spectra for group in spectra for record_spectra in group], spec, planned_lines)
     detection = detection_lines(lines, first.half_wave)
     everything = _gathered(spectra, lines, detection, spec, method)
     excited = np.isin(np.union1d(lines, detection), lines)
@@ -196,13 +189,17 @@ def _from_periods(
         notes.append(left_out_note(lines[~usable], usable.any(), first))
     data = data.on(usable)
     notes += same_phases_notes(data.blocks, groups)
-    found = _estimate(method, data, first)
+    fitted = _estimate(method, data, first)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
-    quality = measured_quality(freq_hz, data, found.G)
-    response = measured_response(first, spec.quantity, freq_hz, found.G, quality=quality)
-    levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
-    response, of_form = _with_covariances(response, data, found, levels, lines[usable], spectra)
-    notes += [*found.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
+    quality = measured_quality(freq_hz, data, fitted.G)
+    response = measured_response(first, spec.quantity, freq_hz, fitted.G, quality=quality)
+    lines = lines[usable]
+    inside, levels = (detection > lines[0]) & (detection < lines[-1]), None
+    if inside.any():
+        unexcited = everything.on(~excited).on(inside)
+        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
+    response, of_form = _with_covariances(response, data, fitted, levels, lines, spectra)
+    notes += [*fitted.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 
 
@@ -217,17 +214,17 @@ def _gathered(
     everything = gather(None)
     if len(spectra) < 2 or not any(note.code == TRANSIENT_LEFT_OUT for note in everything.notes):
         return everything
-    groups = [[each.record for each in group] for group in spectra]
+    groups = [[record_spectra.record for record_spectra in group] for group in spectra]
     data = everything.on(np.isin(np.union1d(lines, detection), lines))
     usable = separated_lines(data.blocks, groups, method)
     if not usable.any():
         return everything
     data = data.on(usable)
-    found = _estimate(method, data, groups[0][0])
-    error = total_error(data, found)
+    fitted = _estimate(method, data, groups[0][0])
+    error = total_error(data, fitted)
     if error is None:
         return everything
-    return gather(TotalError(found.G, power(error[0]) / len(groups), usable))
+    return gather(TotalError(fitted.G, power(error[0]) / len(groups), usable))
 
 
 def _estimate(method: str, data: MeanSpectra, first: Record) -> Estimate:
@@ -271,52 +268,36 @@ def choose_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
     """Records by realisation, in the order of their experiments."""
     groups: dict[int, list[Record]] = {}
-    for record in sorted(records, key=lambda each: (each.realisation, each.experiment)):
+    for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
         groups.setdefault(record.realisation, []).append(record)
     return list(groups.values())
-
-
-def _detected(
-    detection: IntArray, lines: IntArray, freq_hz: FloatArray, found: Estimate, data: MeanSpectra
-) -> Detected | None:
-    """Levels at the detection lines between the lowest and the highest line of G."""
-    inside = (detection > lines[0]) & (detection < lines[-1])
-    if not inside.any():
-        return None
-    return detect(detection[inside], lines, freq_hz[0] / lines[0], found.G, data.on(inside))
 
 
 def _with_covariances(
     response: FrequencyResponse,
     data: MeanSpectra,
-    found: Estimate,
+    fitted: Estimate,
     levels: Detected | None,
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
 ) -> tuple[FrequencyResponse, list[Note]]:
     """Noise, total, distortion and bias of G, and the nonlinear levels in the outputs."""
-    blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
-    noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
+    blocks, C_V = data.blocks, equation_error(data.scatter, fitted.G)
+    noise = noise_covariance(blocks, fitted, C_V, data.scatter.dof)
     of_noise = C_V * np.mean(1 / data.periods)
-    total: Covariance | None = None
-    error: tuple[ComplexArray, float] | None = total_error(data, found)
+    error: tuple[ComplexArray, float] | None = total_error(data, fitted)
+    total, distortion, stochastic, bias = None, None, None, None
     if error is not None:
-        total = total_covariance(blocks, found, *error)
+        total = total_covariance(blocks, fitted, *error)
     elif levels is not None:
         error = fast_total_error(levels, lines, of_noise, data.scatter.dof)
-        total = None if error is None else kronecker(found.left, *error)
-    distortion, stochastic, bias = None, None, None
+        total = None if error is None else kronecker(fitted.left, *error)
     if total is not None and error is not None:
-        bias = friction_bias(spectra, lines, found.G, response.quantity, error[0], of_noise, error[1])
+        bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
         distortion = distortion_covariance(noise, total, len(blocks))
-        excess = np.einsum("fii->fi", error[0] - of_noise).real
-        stochastic = np.sqrt(np.maximum(excess, 0.0))
+        stochastic = np.sqrt(power(error[0] - of_noise))
     assert response.quality is not None
-    quality = replace(
-        response.quality,
-        stochastic=stochastic,
-        even=None if levels is None else levels.even,
-        odd=None if levels is None else levels.odd,
-    )
+    even, odd = (None, None) if levels is None else (levels.even, levels.odd)
+    quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
     covariances = replace(response, noise=noise, total=total, distortion=distortion, quality=quality, bias=bias)
     return covariances, form_notes(noise, total)

@@ -24,8 +24,7 @@ from elastid.frf.spectra import (
     reference_spectrum,
 )
 
-# Of `scatter.c`.
-BATCH = 8
+BATCH = 8  # of `scatter.c`
 
 
 class FullSum:
@@ -50,7 +49,7 @@ class FullSum:
         return np.asarray(np.einsum("fii->fi", self.S).real)
 
     def collect(self, scale: ComplexArray) -> ComplexArray:
-        """scale_i conj(scale_j) S_ij (F, n, n), scale (F, n), in the place of S."""
+        """scale_i conj(scale_j) S_ij (F, n, n), scale (F, n); S itself is overwritten."""
         self.S *= scale[:, :, None]
         self.S *= scale[:, None, :].conj()
         return self.S
@@ -81,9 +80,9 @@ class PackedSum:
 
     def collect(self, scale: ComplexArray) -> ComplexArray:
         """As `FullSum.collect`."""
-        found = np.empty((self.F, self.n, self.n), np.complex128)
-        call("collect", self.F, self.n, self.S, scale, found)
-        return found
+        S = np.empty((self.F, self.n, self.n), np.complex128)
+        call("collect", self.F, self.n, self.S, scale, S)
+        return S
 
 
 class ScatterSum:
@@ -127,9 +126,8 @@ class ScatterSum:
         return self._sum.collect(self.scale)
 
 
-# Periods of a large record are compared in so many values (32 MB), but at so many lines at least.
+# Periods of a large record are compared in so many values: 32 MB.
 _MAX_COMPARED_VALUES = 1 << 21
-_MIN_COMPARED_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -197,30 +195,30 @@ class MeanSpectra:
     @property
     def periods(self) -> FloatArray:
         """Number of periods (K,) of each of the K experiments."""
-        return np.concatenate([each.periods for each in self.blocks])
+        return np.concatenate([block.periods for block in self.blocks])
 
     @cached_property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u) of all experiments."""
-        U = [each.U for each in self.blocks]
+        U = [block.U for block in self.blocks]
         return added_cross_products(U, U)
 
     @property
     def output_powers(self) -> tuple[FloatArray, FloatArray]:
         """Sums (F, n_y) over experiments of |Y|^2, and of P |Y|^2."""
-        powers = [squared_magnitude(each.Y) for each in self.blocks]
-        plain: FloatArray = np.sum([each.sum(axis=2) for each in powers], axis=0)
+        powers = [squared_magnitude(power.Y) for power in self.blocks]
+        plain: FloatArray = np.sum([power.sum(axis=2) for power in powers], axis=0)
         if np.ptp(self.periods) == 0:
             return plain, self.periods[0] * plain
-        return plain, np.sum([each @ block.periods for each, block in zip(powers, self.blocks, strict=True)], axis=0)
+        return plain, np.sum([power @ block.periods for power, block in zip(powers, self.blocks, strict=True)], axis=0)
 
     def of_periods(self, name: Literal["Y", "U"]) -> ComplexArray:
         """Sum over experiments of P Y U^H (F, n_y, n_u), or of P U U^H (F, n_u, n_u), P periods each."""
-        U, X = [each.U for each in self.blocks], [getattr(each, name) for each in self.blocks]
+        U, X = [block.U for block in self.blocks], [getattr(block, name) for block in self.blocks]
         if np.ptp(self.periods) > 0:
-            return added_cross_products([x * each.periods for x, each in zip(X, self.blocks, strict=True)], U)
-        found = self.UU if name == "U" else added_cross_products(X, U)
-        return np.asarray(self.periods[0] * found)
+            return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], U)
+        UX = self.UU if name == "U" else added_cross_products(X, U)
+        return np.asarray(self.periods[0] * UX)
 
     @cached_property
     def every(self) -> Block:
@@ -254,12 +252,12 @@ def gather_spectra(
         power, dof = sums.power(), sums.dof
         Z = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128)
         R, periods = [], []
-        for each, of_experiment in zip(group, Z, strict=True):
-            kept, mean = _mean(each, everywhere, excited, spec, total, sums)
-            notes += kept.notes
-            periods.append(len(kept.periods))
+        for spectra, of_experiment in zip(group, Z, strict=True):
+            used, mean = _mean(spectra, everywhere, excited, spec, total, sums)
+            notes += used.notes
+            periods.append(len(used.periods))
             of_experiment[:] = mean.T
-            R.append(reference_spectrum(each, everywhere) if with_reference else None)
+            R.append(reference_spectrum(spectra, everywhere) if with_reference else None)
         noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
         blocks.append(_block(Z, R, periods, noise, sums.dof - dof))
     return MeanSpectra(tuple(blocks), Scatter(sums.collected(), sums.dof), tuple(notes))
@@ -276,28 +274,24 @@ def _mean(
     """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        kept = trusted(every.on(excited), spec, total)
-        return kept, sums.add([every.only(kept.periods)])
-    # Few lines tell which periods can be trusted; then all lines are added up, some periods at a time.
+        used = trusted(every.on(excited), spec, total)
+        return used, sums.add([every.only(used.periods)])
+    # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     record = spectra.record
-    values = record.n_samples // record.repeat_samples * sums.scale.shape[1]
-    step = -(-int(excited.sum()) // max(_MIN_COMPARED_LINES, _MAX_COMPARED_VALUES // values))
+    values = record.n_repeats * sums.scale.shape[1]
+    step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     few = lines[excited][::step]
-    kept = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
+    used = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
-    return kept, sums.add(group.only(np.flatnonzero(np.isin(group.periods, kept.periods))) for group in groups)
+    return used, sums.add(group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
 
 
 def _block(
-    Z: ComplexArray,
-    R: Sequence[ComplexArray | None],
-    periods: Sequence[int],
-    input_noise: FloatArray,
-    dof: int,
+    Z: ComplexArray, R: Sequence[ComplexArray | None], periods: Sequence[int], input_noise: FloatArray, dof: int
 ) -> Block:
     """The block of mean spectra Z (E, n_y + n_u, F), which stay where they are in memory."""
     n_y = Z.shape[1] - input_noise.shape[1]
-    known = [each for each in R if each is not None]
+    known = [spectrum for spectrum in R if spectrum is not None]
     return Block(
         U=Z[:, n_y:].transpose(2, 1, 0),
         Y=Z[:, :n_y].transpose(2, 1, 0),
@@ -309,16 +303,16 @@ def _block(
 
 
 def pooled(blocks: Sequence[Block]) -> Block:
-    """All experiments of all realisations as one block."""
+    """The same for some blocks."""
     if len(blocks) == 1:
         return blocks[0]
-    R = [each.R for each in blocks if each.R is not None]
-    dof = sum(each.dof for each in blocks)
+    R = [block.R for block in blocks if block.R is not None]
+    dof = sum(block.dof for block in blocks)
     return Block(
-        U=np.concatenate([each.U for each in blocks], axis=2),
-        Y=np.concatenate([each.Y for each in blocks], axis=2),
+        U=np.concatenate([block.U for block in blocks], axis=2),
+        Y=np.concatenate([block.Y for block in blocks], axis=2),
         R=np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
-        periods=np.concatenate([each.periods for each in blocks]),
-        input_noise=np.sum([each.dof / dof * each.input_noise for each in blocks], axis=0),
+        periods=np.concatenate([block.periods for block in blocks]),
+        input_noise=np.sum([block.dof / dof * block.input_noise for block in blocks], axis=0),
         dof=dof,
     )

@@ -2,7 +2,7 @@ r"""Systematic errors of a response by dry friction that is left in its records:
 
 To first order Coulomb friction F sgn(v) is the viscous friction 2 F p(0) of a Gaussian velocity v with density p
 (Bussgang), which a fit finds, and a distortion s without correlation to v. But s moves the motor, through its mobility
-y, and so the moments at which v changes its sign. By Price's theorem this adds to the torque per velocity, beside a
+y, and so the moments at which v changes its sign. By Price's theorem this adds to the torque per velocity, up to a
 constant,
 
 .. math:: \delta Z(\omega) = -4 F^2 \int_0^\infty y(\tau)\, [p_2(\tau) - p(0)^2]\, (e^{-j \omega \tau} - 1)\, d\tau,
@@ -10,8 +10,8 @@ constant,
 
 p_2(tau): density of (v(t), v(t - tau)) at (0, 0), which falls as 1 / tau; a slow carrier c(t) moves both densities, and
 their means over t count. delta Z rises with frequency as a mass and a loss do: stiffness and damping absorb some of it.
-It is alike in all configurations. 2 F p(0) is not: where the arm moves less, it is more; a fit that shares one viscous
-friction between configurations lacks the difference, some OWN_SHARE of it.
+It is the same in all configurations. 2 F p(0) is not: where the arm moves less, it is more; a fit that shares one
+viscous friction between configurations lacks the difference, some OWN_SHARE of it.
 
 F^2 is the distortion's power over that of sgn(v) less its linear part, both as torques at the motor. Sizes are right
 to about a third up to F of 0.3 rms torques, phases of delta Z to some TURNED_SHARE rad; what makes the distortion need
@@ -29,18 +29,10 @@ from elastid.frf.matrices import adjoint, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
 
-# The second order, what it may be turned by, and the own part of the first.
+# The second order, the turned part of it, and the own part of the first.
 SYSTEMATIC_ERRORS = 3
-# Distortion of the torque at a motor in its standard deviations, over all lines, from which on friction is looked for:
-# below, its second order is lost in the noise as well.
-MIN_SIGNIFICANCE = 3.0
-# The velocity is formed up to so many times the highest line: above, an encoder's noise would decide its sign.
-VELOCITY_BAND = 4
-# Lags in a period of the highest line, and moments of a period at which the carrier is looked at.
-LAGS_PER_PERIOD = 16
-CARRIER_MOMENTS = 512
-# Share of the second order that is turned by a quarter of a circle: in many realisations its phase is 0.3 to 0.4 rad
-# from that which is predicted, in one direction.
+# Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
+# rad in many realisations, in one direction.
 TURNED_SHARE = 0.35
 # Share of the equivalent viscous friction by which configurations differ.
 OWN_SHARE = 0.2
@@ -71,15 +63,16 @@ def friction_bias(
         return None
     inverse = np.asarray(np.linalg.pinv(G[:, rows]), np.complex128)
     torque_error, torque_noise = (
-        power(inverse @ each[:, rows][:, :, rows] @ adjoint(inverse)) for each in (error, noise)
+        power(inverse @ covariance[:, rows][:, :, rows] @ adjoint(inverse)) for covariance in (error, noise)
     )
     excess = torque_error - torque_noise
     weight = 1 / (torque_noise + torque_error.mean(axis=0)) ** 2
     scatter = np.sqrt(np.sum((weight * torque_error) ** 2, axis=0) / dof)
-    is_distorted = np.sum(weight * excess, axis=0) > MIN_SIGNIFICANCE * scatter
+    # Below three standard deviations over all lines the second order is lost in the noise as well.
+    is_distorted = np.sum(weight * excess, axis=0) > 3.0 * scatter
     if not is_distorted.any():
         return None
-    V = _velocities([each for group in spectra for each in group], rows, lines)
+    V = _velocities([covariance for group in spectra for covariance in group], rows, lines)
     omega = 2j * np.pi * (lines * first.rate_hz / first.period_samples)
     bias = np.zeros((SYSTEMATIC_ERRORS, len(rows), *G.shape), complex)
     for j in np.flatnonzero(is_distorted):
@@ -102,15 +95,14 @@ def unit_impedance(
     V (K, N // 2 + 1): DFT of the velocity in K experiments.  mobility (F,): velocity per torque at the lines.
     """
     N, rate_hz = record.period_samples, record.rate_hz
-    step = max(1, int(N / (LAGS_PER_PERIOD * lines[-1])))
+    step = max(1, int(N / (16 * lines[-1])))  # 16 lags in a period of the highest line
     lag = np.arange(0, int(N / lines[0]) + 1, step)
     y = _step_response(mobility, lines, N)[lag] * rate_hz
     moving = np.arange(V.shape[1]) >= lines[0]
     R = np.fft.irfft(np.mean(np.abs(V) ** 2, axis=0) * moving, N) / N
     carrier = np.fft.irfft(V.mean(axis=0) * ~moving, N)
-    t = np.arange(0, N, max(1, N // CARRIER_MOMENTS))
-    variance, rho = R[0], R[lag] / R[0]
-    c = carrier[t]
+    t = np.arange(0, N, max(1, N // 512))
+    variance, rho, c = R[0], R[lag] / R[0], carrier[t]
     p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
     joint = np.zeros(len(lag))
     for i in range(1, len(lag)):
@@ -130,12 +122,13 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     k = np.arange(first.period_samples // 2 + 1)
     omega = 2j * np.pi * k * first.rate_hz / first.period_samples
     order = np.array([1 - MOTION_ORDER[first.quantities[row]] for row in rows])
-    gain = np.where((k <= VELOCITY_BAND * lines[-1])[:, None], omega[:, None] ** order, 0.0)
-    found = []
-    for each in records:
-        P = each.record.n_samples // each.record.repeat_samples
-        found.append(sum(group[:, :, rows].sum(axis=0) for group in each.dft_groups("y")) / P * gain)
-    return np.array(found)
+    # Above four times the highest line an encoder's noise would decide the sign of the velocity.
+    gain = np.where((k <= 4 * lines[-1])[:, None], omega[:, None] ** order, 0.0)
+    V = []
+    for spectrum in records:
+        total = sum(group[:, :, rows].sum(axis=0) for group in spectrum.dft_groups("y"))
+        V.append(total / spectrum.record.n_repeats * gain)
+    return np.array(V)
 
 
 def _unit_distortion(V: ComplexArray, lines: IntArray, record: Record) -> FloatArray:

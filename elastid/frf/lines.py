@@ -13,14 +13,12 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 
-# Power of an excited line over the noise of the mean (10 dB), in a notch (6 dB), and over the lines around it (-14 dB).
-_CLEAR_SNR = 10.0
-MIN_SNR = 4.0
-_MIN_SHARE_OF_NEIGHBOURS = 0.04
+# Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
+MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
 
 
 def lines_are_known(spec: EstimatorSpec, planned: IntArray | None) -> bool:
-    """Whether lines are stated or planned, so that no spectrum is searched for them."""
+    """True if lines are stated or planned, so that no spectrum is searched for them."""
     return spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
 
 
@@ -35,7 +33,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if spec.lines in ("full", "odd"):
         if first.half_wave and spec.lines == "full":
             raise StudyError("estimator.lines: full does not go with half_wave records, which have odd lines only")
-        return grid_lines("odd" if spec.lines == "odd" else "full", band_hz, rate_hz, N)
+        return grid_lines(spec.lines, band_hz, rate_hz, N)
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
     if spec.lines == "auto" and planned is not None:
         lines = np.intersect1d(planned, candidates)
@@ -56,13 +54,13 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
     (1/f^2 in power) and into a notch.  So the envelope is followed up and down from the strongest half octave; lines
     near it count, and so do their neighbours on the grid as far as the level changes little.
     """
-    clear = np.where(power > _CLEAR_SNR * noise, power, 0.0)
+    clear = np.where(power > 10.0 * noise, power, 0.0)  # 10 dB
     if not clear.any():
         return np.zeros(len(lines), dtype=np.bool_)
-    found = clear > _MIN_SHARE_OF_NEIGHBOURS * _envelope(lines, clear)
-    gaps = np.diff(lines[found])
+    excited = clear > _MIN_SHARE_OF_NEIGHBOURS * _envelope(lines, clear)
+    gaps = np.diff(lines[excited])
     step = int(gaps.min()) if gaps.size else 1
-    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), found, step)
+    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), excited, step)
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
@@ -89,32 +87,33 @@ def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
     return np.asarray(envelope[octave])
 
 
-def _followed(lines: IntArray, level: FloatArray, found: BoolArray, step: int) -> BoolArray:
+def _followed(lines: IntArray, level: FloatArray, excited: BoolArray, step: int) -> BoolArray:
     """The found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
-    is_found = np.zeros(len(by_line), dtype=np.bool_)
-    by_line[lines + step], is_found[lines + step] = level, found
+    is_excited = np.zeros(len(by_line), dtype=np.bool_)
+    by_line[lines + step], is_excited[lines + step] = level, excited
     while True:
-        reach = _MIN_SHARE_OF_NEIGHBOURS * by_line * is_found
+        reach = _MIN_SHARE_OF_NEIGHBOURS * by_line * is_excited
         near = np.maximum(np.roll(reach, step), np.roll(reach, -step))
-        more = is_found | ((by_line > near) & (near > 0))
-        if np.array_equal(more, is_found):
-            return is_found[lines + step]
-        is_found = more
+        more = is_excited | ((by_line > near) & (near > 0))
+        if np.array_equal(more, is_excited):
+            return is_excited[lines + step]
+        is_excited = more
 
 
 def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[FloatArray, FloatArray]:
     """Power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
-    for each in spectra:
+    for record_spectra in spectra:
         # The first period holds the transient, if there are more than two.
-        P = each.record.n_samples // each.record.repeat_samples
+        P = record_spectra.record.n_repeats
         left_out = 1 if P > 2 else 0
-        if each.is_large:
-            mean, noise_of_mean = _in_groups(each, lines, left_out)
+        if record_spectra.is_large:
+            mean, noise_of_mean = _in_groups(record_spectra, lines, left_out)
         else:
-            U = each.amplitudes(each.driver_role, lines)[left_out:]
-            mean, noise_of_mean = U.mean(axis=0), _noise_of_mean(U)
+            U = record_spectra.amplitudes(record_spectra.driver_role, lines)[left_out:]
+            mean = U.mean(axis=0)
+            noise_of_mean = np.sum(np.abs(U - mean) ** 2, axis=0) / max(len(U) - 1, 1) / len(U)
         power.append(np.abs(mean) ** 2)
         noise.append(noise_of_mean)
         dof += P - left_out - 1
@@ -138,26 +137,15 @@ def _in_groups(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[
         around = np.sum(np.abs(X - of_group) ** 2, axis=0)
         apart = of_group - mean if n else of_group
         total = n + len(X)
-        mean, squares = (
-            (mean + apart * len(X) / total, squares + around + np.abs(apart) ** 2 * n * len(X) / total)
-            if n
-            else (of_group, around)
-        )
+        mean = mean + apart * len(X) / total if n else of_group
+        squares = squares + around + np.abs(apart) ** 2 * n * len(X) / total if n else around
         n = total
     return mean, squares / max(n - 1, 1) / n
-
-
-def _noise_of_mean(X: ComplexArray) -> FloatArray:
-    """Variance (F, c) of the mean over periods of X (P, F, c); 0 for a single period."""
-    return np.asarray(np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / max(len(X) - 1, 1) / len(X))
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
     """Lines as messages name them: their number and their range."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.rate_is_known else "of the sampling rate"
-    return (
-        f"{len(lines)} ({freq_hz[0]:.5g} to {freq_hz[-1]:.5g} {unit})"
-        if len(lines) > 1
-        else f"1 ({freq_hz[0]:.5g} {unit})"
-    )
+    end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
+    return f"{len(lines)} ({freq_hz[0]:.5g}{end} {unit})"

@@ -47,18 +47,18 @@ def in_parts(F: int, of_lines: Callable[[slice], ComplexArray]) -> ComplexArray:
     first = of_lines(slice(0, LINES_AT_ONCE))
     if F <= LINES_AT_ONCE:
         return first
-    found = np.empty((F, *first.shape[1:]), first.dtype)
-    found[:LINES_AT_ONCE] = first
+    values = np.empty((F, *first.shape[1:]), first.dtype)
+    values[:LINES_AT_ONCE] = first
     for start in range(LINES_AT_ONCE, F, LINES_AT_ONCE):
         part = slice(start, start + LINES_AT_ONCE)
-        found[part] = of_lines(part)
-    return found
+        values[part] = of_lines(part)
+    return values
 
 
 def added_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
     if is_compiled():
-        return _sum_of_products(A, [transposed(each) for each in B], -1)
+        return _sum_of_products(A, [transposed(b) for b in B], -1)
     return in_parts(len(A[0]), lambda part: added(_cut(a, part) @ _cut(b, part) for a, b in zip(A, B, strict=True)))
 
 
@@ -77,12 +77,12 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
         def of_lines(part: slice) -> ComplexArray:
             D = (y[part] - G[part] @ _cut(u, part) for y, u in zip(Y, U, strict=True))
-            return added(each @ adjoint(each) for each in D)
+            return added(error @ adjoint(error) for error in D)
 
         return in_parts(F, of_lines)
-    found = np.empty((F, n, n), np.complex128)
-    call("sum_of_errors", F, n, m, len(Y), _columns(Y), _places(Y), _places([G]), _places(U), found)
-    return found
+    total = np.empty((F, n, n), np.complex128)
+    call("sum_of_errors", F, n, m, len(Y), _columns(Y), _places(Y), _places([G]), _places(U), total)
+    return total
 
 
 def inverse(A: ComplexArray) -> ComplexArray:
@@ -90,11 +90,11 @@ def inverse(A: ComplexArray) -> ComplexArray:
     F, n, _ = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)
-    found, n_singular = np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
-    call("inverse", F, n, _places([A]), found, n_singular)
+    inverses, n_singular = np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
+    call("inverse", F, n, _places([A]), inverses, n_singular)
     if n_singular[0]:
         raise np.linalg.LinAlgError("Singular matrix")
-    return found
+    return inverses
 
 
 def singular_values(A: ComplexArray) -> FloatArray:
@@ -102,9 +102,9 @@ def singular_values(A: ComplexArray) -> FloatArray:
     F, n, m = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
-    found = np.empty((F, min(n, m)))
-    call("singular_values", F, max(n, m), min(n, m), _places([A if m <= n else transposed(A)]), found)
-    return np.sort(found)[:, ::-1]
+    values = np.empty((F, min(n, m)))
+    call("singular_values", F, max(n, m), min(n, m), _places([A if m <= n else transposed(A)]), values)
+    return np.sort(values)[:, ::-1]
 
 
 def semidefinite_eigenvalues(A: ComplexArray) -> FloatArray:
@@ -120,9 +120,9 @@ def positive(A: ComplexArray) -> ComplexArray:
     if not is_compiled():
         value, vector = np.linalg.eigh(A)
         return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ adjoint(vector))
-    found = np.empty((F, n, n), np.complex128)
-    call("positive_part", F, n, _places([A]), found)
-    return found
+    part = np.empty((F, n, n), np.complex128)
+    call("positive_part", F, n, _places([A]), part)
+    return part
 
 
 def _cut(A: ComplexArray, part: slice) -> ComplexArray:
@@ -132,17 +132,17 @@ def _cut(A: ComplexArray, part: slice) -> ComplexArray:
 
 def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
     """Sum over blocks of A B^H, or of A B^T where sign is -1."""
-    found = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
-    call("sum_of_products", *found.shape, len(A), _columns(A), _places(A), _places(B), sign, found)
-    return found
+    total = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
+    call("sum_of_products", *total.shape, len(A), _columns(A), _places(A), _places(B), sign, total)
+    return total
 
 
 def _columns(stacks: Stacks) -> IntArray:
-    return np.array([each.shape[2] for each in stacks])
+    return np.array([stack.shape[2] for stack in stacks])
 
 
 def _places(stacks: Stacks) -> IntArray:
     """Where each lies: its address, and the numbers from line to line, row to row and column to column."""
-    if any(each.dtype != np.complex128 for each in stacks):
-        raise TypeError(f"the kernels read complex128, not {', '.join(str(each.dtype) for each in stacks)}")
-    return np.array([(each.ctypes.data, *(stride // each.itemsize for stride in each.strides)) for each in stacks])
+    if any(stack.dtype != np.complex128 for stack in stacks):
+        raise TypeError(f"the kernels read complex128, not {', '.join(str(stack.dtype) for stack in stacks)}")
+    return np.array([(stack.ctypes.data, *(stride // stack.itemsize for stride in stack.strides)) for stack in stacks])

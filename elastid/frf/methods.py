@@ -25,11 +25,6 @@ from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, Scatter, pooled
 from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
 
-# Power of an element over its scatter (8 dB) above which its logarithm is safe.
-_MIN_LOG_SNR = 10**0.8
-# Noise power of a channel relative to its power, at least: keeps the whitening regular.
-_MIN_NOISE_RATIO = 1e-14
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -43,7 +38,7 @@ class Estimate:
     @cached_property
     def left(self) -> ComplexArray:
         """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
-        W = [transposed(each) for each in self.W]
+        W = [transposed(W_m) for W_m in self.W]
         return self.share**2 * added_cross_products(W, W)
 
 
@@ -53,7 +48,7 @@ Estimator: TypeAlias = Callable[[Sequence[Block], Scatter], Estimate]
 def arithmetic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
     W, share = _mean_weights(blocks)
-    return Estimate(share * added_products([each.Y for each in blocks], W), W, share=share)
+    return Estimate(share * added_products([block.Y for block in blocks], W), W, share=share)
 
 
 def harmonic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
@@ -82,18 +77,18 @@ def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
 
 def h1(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
-    return _instrumental(blocks, [each.U for each in blocks])
+    return _instrumental(blocks, [block.U for block in blocks])
 
 
 def h2(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
     _square(blocks, "h2")
-    return _instrumental(blocks, [each.Y for each in blocks])
+    return _instrumental(blocks, [block.Y for block in blocks])
 
 
 def joint(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
-    R = [each.R for each in blocks if each.R is not None]
+    R = [block.R for block in blocks if block.R is not None]
     if len(R) < len(blocks):
         raise DataError("estimator.method joint needs the injected torque r of every record; take arithmetic")
     return _instrumental(blocks, R)
@@ -127,7 +122,7 @@ def errors_in_variables(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
     rms[rms == 0] = 1.0
     Z, noise = Z / rms[:, :, None], scatter.C_Z / (rms[:, :, None] * rms[:, None, :])
-    L = np.linalg.cholesky(noise + _MIN_NOISE_RATIO * np.eye(n_y + n_u))
+    L = np.linalg.cholesky(noise + 1e-14 * np.eye(n_y + n_u))  # regular without noise, too
     white = np.linalg.solve(L, Z)
     Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ adjoint(white))[1][:, :, -n_u:])
     G: ComplexArray = Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:])
@@ -135,13 +130,7 @@ def errors_in_variables(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
 
 
 AVERAGED: dict[str, Estimator] = {"arithmetic": arithmetic, "harmonic": harmonic, "logarithmic": logarithmic}
-POOLED: dict[str, Estimator] = {
-    "h1": h1,
-    "h2": h2,
-    "hv": hv,
-    "joint": joint,
-    "errors_in_variables": errors_in_variables,
-}
+POOLED: dict[str, Estimator] = {method.__name__: method for method in (h1, h2, hv, joint, errors_in_variables)}
 METHODS: dict[str, Estimator] = AVERAGED | POOLED
 
 
@@ -174,31 +163,31 @@ def log_is_safe(G: ComplexArray) -> BoolArray:
         return np.ones(G.shape[1:], dtype=np.bool_)
     mean = arithmetic_mean(G)
     scatter = np.sum(np.abs(G - mean) ** 2, axis=0) / (M - 1)
-    return np.asarray((np.abs(mean) ** 2 > _MIN_LOG_SNR * scatter) & (np.abs(G) > 0).all(axis=0))
+    return np.asarray((np.abs(mean) ** 2 > 10**0.8 * scatter) & (np.abs(G) > 0).all(axis=0))
 
 
 def _each(blocks: Sequence[Block]) -> ComplexArray:
     """G_m (M, F, n_y, n_u) of every realisation."""
-    return np.stack([each.Y @ each.W for each in blocks])
+    return np.stack([block.Y @ block.W for block in blocks])
 
 
 def _mean_weights(blocks: Sequence[Block]) -> tuple[tuple[ComplexArray, ...], float]:
     """W_m of the mean over realisations, and their share."""
-    return tuple(each.W for each in blocks), 1 / len(blocks)
+    return tuple(block.W for block in blocks), 1 / len(blocks)
 
 
 def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:
     """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
     pairs = list(zip(blocks, instruments, strict=True))
-    of_inputs = np.linalg.inv(np.sum([each.U @ adjoint(A) for each, A in pairs], axis=0))
+    of_inputs = np.linalg.inv(np.sum([block.U @ adjoint(A) for block, A in pairs], axis=0))
     W = tuple(adjoint(A) @ of_inputs for _, A in pairs)
-    G: ComplexArray = np.sum([each.Y @ w for each, w in zip(blocks, W, strict=True)], axis=0)
+    G: ComplexArray = np.sum([block.Y @ w for block, w in zip(blocks, W, strict=True)], axis=0)
     return Estimate(G, W)
 
 
 def _least_squares_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
-    of_inputs = np.linalg.inv(np.sum([each.U @ adjoint(each.U) for each in blocks], axis=0))
-    return tuple(adjoint(each.U) @ of_inputs for each in blocks)
+    of_inputs = np.linalg.inv(np.sum([block.U @ adjoint(block.U) for block in blocks], axis=0))
+    return tuple(adjoint(block.U) @ of_inputs for block in blocks)
 
 
 def _square(blocks: Sequence[Block], method: str) -> None:

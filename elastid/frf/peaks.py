@@ -21,33 +21,29 @@ from scipy.optimize import nnls
 from scipy.signal import find_peaks
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.response import Covariance, FrequencyResponse
 
-# A peak stands so much above the valleys beside it, in dB.
-MIN_PROMINENCE_DB = 3.0
-# Lines of a window: fewer do not tell a pole from its polynomials.
-MIN_LINES = 6
-# From so many lines on the polynomials are of degree 2, else 1.
-MIN_LINES_OF_DEGREE_2 = 9
-# Where the neighbours leave room a window has so many lines to either side.
-LINES_BESIDE_A_PEAK = 6
-# Half the window in half-power widths of the peak.
-WINDOW_WIDTHS = 2.0
-# Damping and so many of its standard deviations must not reach 0, nor a pole be found so far from its peak in windows.
-MIN_SIGNIFICANCE = 3.0
-MAX_DAMPING = 0.5
-# Mean power over variance of some element in the window (15 dB).
-MIN_SNR = 30.0
-# Variances with fewer complex degrees of freedom are smoothed over a window.
-MIN_DOF_OF_A_LINE = 20.0
-_REWEIGHTINGS = 3
-# Least part of a residual that is taken for free of the polynomials.
-_MIN_FREE = 0.1
-_STEPS = 30
-# A step of the pole below this part of the window has converged; one so far beyond it leads nowhere.
-_MIN_STEP, _MAX_STEP = 1e-10, 1e6
-# 95 % of a normal distribution.
-_SIGMAS_95 = 1.959964
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of a peak; false-alarm rates: not measured."""
+
+    prominence_db: float = 3.0  # above the neighbouring valleys
+    lines: int = 6  # of a window: fewer do not distinguish a pole from its polynomials
+    lines_of_degree_2: int = 9  # of a window, from which on the polynomials are of degree 2, else 1
+    lines_to_either_side: int = 6  # of a window, where the neighbours leave room
+    half_window: float = 2.0  # in half-power widths of the peak
+    significance: float = 3.0  # of the damping, in standard deviations
+    damping: float = 0.5  # at most
+    snr: float = 30.0  # mean power over variance of some element in the window (15 dB)
+    dof_of_a_line: float = 20.0  # complex: variances with fewer are smoothed over a window
+    free_share: float = 0.1  # least part of a residual that is taken for free of the polynomials
+    step: float = 1e-10  # of the pole, over half the window, below which it has converged
+    diverged_step: float = 1e6  # of the pole, beyond which it has left the lines
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -70,12 +66,12 @@ class Peak:
     @property
     def freq95(self) -> tuple[float, float]:
         """95 % interval of the frequency."""
-        return self.freq_hz - _SIGMAS_95 * self.freq_std, self.freq_hz + _SIGMAS_95 * self.freq_std
+        return self.freq_hz - QUANTILE_95 * self.freq_std, self.freq_hz + QUANTILE_95 * self.freq_std
 
     @property
     def damping95(self) -> tuple[float, float]:
         """95 % interval of the damping."""
-        return self.damping - _SIGMAS_95 * self.damping_std, self.damping + _SIGMAS_95 * self.damping_std
+        return self.damping - QUANTILE_95 * self.damping_std, self.damping + QUANTILE_95 * self.damping_std
 
 
 @dataclass(frozen=True)
@@ -91,21 +87,21 @@ class _Pole:
 def peaks(response: FrequencyResponse) -> tuple[Peak, ...]:
     """The resonances of a response by frequency; none where its lines are too few or its peaks too flat."""
     power = _power(response.G)
-    tops, _ = find_peaks(10 * np.log10(power), prominence=MIN_PROMINENCE_DB)
+    tops, _ = find_peaks(10 * np.log10(power), prominence=LIMITS.prominence_db)
     if not len(tops):
         return ()
     borders = [0, *((a + b) // 2 for a, b in pairwise(tops.tolist())), response.n_lines - 1]
-    found: dict[float, Peak] = {}
+    resonances: dict[float, Peak] = {}
     for top, low, high in zip(tops.tolist(), borders[:-1], borders[1:], strict=True):
         pole = _pole(response, top, low, high)
         if pole is not None:
             peak = _peak(response, pole, top)
-            found[peak.freq_hz] = peak
-    return tuple(found[freq_hz] for freq_hz in sorted(found))
+            resonances[peak.freq_hz] = peak
+    return tuple(resonances[freq_hz] for freq_hz in sorted(resonances))
 
 
 def _power(G: ComplexArray) -> FloatArray:
-    """Sum (F,) of |G|^2 over the elements, each in units of its median, so that units and places count alike."""
+    """Sum (F,) of |G|^2 over the elements, each in units of its median, so that units do not matter."""
     power = np.abs(G) ** 2
     middle = np.median(power, axis=0)
     return np.asarray(np.sum(power / np.where(middle > 0, middle, 1.0), axis=(1, 2))) + np.finfo(float).tiny
@@ -117,8 +113,8 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
     width = _half_power_width(f, _power(response.G), top)
     pole = None
     for _ in range(2):
-        window = _window(f, top, low, high, WINDOW_WIDTHS * width)
-        if len(window) < MIN_LINES:
+        window = _window(f, top, low, high, LIMITS.half_window * width)
+        if len(window) < LIMITS.lines:
             return None
         pole = _fitted(response, window, f[top], width)
         if pole is None:
@@ -129,16 +125,16 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
     if not _stands_out(response, window):
         return None
     inside = f[window[0]] <= abs(pole.z) / (2 * np.pi) <= f[window[-1]]
-    return pole if inside and MIN_SIGNIFICANCE * std < damping < MAX_DAMPING else None
+    return pole if inside and LIMITS.significance * std < damping < LIMITS.damping else None
 
 
 def _stands_out(response: FrequencyResponse, window: IntArray) -> bool:
-    """Whether some element of a window is far above its noise: neighbouring lines may share theirs, which has bumps."""
+    """True if some element of a window is far above its noise: neighbouring lines may share theirs, which has bumps."""
     if response.uncertainty is None:
         return True
     power = np.mean(np.abs(response.G[window]) ** 2, axis=0)
     noise = np.mean(response.uncertainty.variance[window], axis=0)
-    return bool(np.any(power > MIN_SNR * noise))
+    return bool(np.any(power > LIMITS.snr * noise))
 
 
 def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
@@ -152,8 +148,8 @@ def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
 
 
 def _window(f: FloatArray, top: int, low: int, high: int, half_width: float) -> IntArray:
-    """The lines of a window about a peak: half_width in Hz to either side, or LINES_BESIDE_A_PEAK."""
-    least = LINES_BESIDE_A_PEAK
+    """The lines of a window about a peak: half_width in Hz to either side, or `lines_to_either_side`."""
+    least = LIMITS.lines_to_either_side
     first = max(low, min(top - least, int(np.searchsorted(f, f[top] - half_width))))
     last = min(high, max(top + least, int(np.searchsorted(f, f[top] + half_width, "right")) - 1))
     return np.arange(first, last + 1)
@@ -169,29 +165,29 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
     omega = 2 * np.pi * response.freq_hz[window]
     center, scale = 2 * np.pi * freq_hz, float(np.ptp(omega)) / 2
     x = (omega - center) / scale
-    degree = 2 if K >= MIN_LINES_OF_DEGREE_2 else 1
+    degree = 2 if LIMITS.lines_of_degree_2 <= K else 1
     z = complex(0.0, max(np.pi * width / scale, 1e-3))
     cost, residuals, slopes, free = _projected(G, weights, x, z, degree)
-    for _ in range(_STEPS):
+    for _ in range(30):
         power = float(np.vdot(slopes, slopes).real)
         if not power > 0:
             return None
         step = complex(np.vdot(slopes, residuals) / power)
         # The pole has left the lines, and the polynomials fit them without it.
-        if not abs(step) < _MAX_STEP:
+        if not abs(step) < LIMITS.diverged_step:
             return None
         while True:
             trial = z + step
             if trial.imag > 0 and (tried := _projected(G, weights, x, trial, degree))[0] <= cost:
                 break
             step /= 2
-            if abs(step) < _MIN_STEP:
+            if abs(step) < LIMITS.step:
                 tried, trial = (cost, residuals, slopes, free), z
                 break
         z, (cost, residuals, slopes, free) = trial, tried
-        if abs(step) < _MIN_STEP:
+        if abs(step) < LIMITS.step:
             break
-    if not abs(z) < MIN_SIGNIFICANCE:  # far outside the window
+    if not abs(z) < LIMITS.significance:  # far outside the window
         return None
     dof = G.size - G.shape[1] * (degree + 1) - 1
     if dof < 1:
@@ -200,9 +196,9 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
     stated = (max(misfit, 1.0) if known else misfit) / power
     # Elements of one line share the noise of their inputs: its scatter from line to line shows that, where the pole
     # has not followed it.
-    by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, _MIN_FREE), axis=0)) ** 2
+    by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, LIMITS.free_share), axis=0)) ** 2
     share = np.sum(np.abs(slopes) ** 2, axis=0) / power
-    scattered = float(np.sum(by_line / np.maximum(1 - share, _MIN_FREE))) / power**2
+    scattered = float(np.sum(by_line / np.maximum(1 - share, LIMITS.free_share))) / power**2
     variance_of_z = max(stated, scattered)
     return _Pole(center + scale * z, float(variance_of_z * scale**2), K, float(np.sqrt(misfit)) if known else np.nan)
 
@@ -213,13 +209,13 @@ def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> Floa
     a is from the outputs, b from the inputs: single variances of few degrees of freedom would weigh by chance.
     """
     variance = covariance.variance[window].reshape(power.shape)
-    if covariance.dof >= MIN_DOF_OF_A_LINE or not np.all(variance > 0):
+    if covariance.dof >= LIMITS.dof_of_a_line or not np.all(variance > 0):
         return variance
     smooth = np.empty(variance.shape)
     for i, (v, p) in enumerate(zip(variance.T, power.T, strict=True)):
         columns = np.stack([np.full(len(v), v.mean()), p * v.mean() / max(p.mean(), np.finfo(float).tiny)], axis=1)
         level = np.full(len(v), v.mean())
-        for _ in range(_REWEIGHTINGS):
+        for _ in range(3):
             share, _ = nnls(columns / level[:, None], v / level)
             level = columns @ share + np.finfo(float).eps * v.mean()
         smooth[:, i] = level

@@ -11,20 +11,35 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 
-# RMS of the transient's error over the total standard deviation, at most, in each of so many groups of lines.
-_MAX_RELATIVE_ERROR = 0.2
-_MAX_GROUPS = 20
-_MIN_LINES_IN_GROUP = 5
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of periods that are left out; false-alarm rates: not measured, but `outlier_sigma` (see its key)."""
+
+    relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
+    groups: int = 20  # of lines, at most
+    lines_in_group: int = 5  # at least
+    periods: int = 5  # an outlier cannot be identified among fewer
+    negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
+    spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
+    lines: int = 500  # evenly taken, that give a distance as well as all
+    compared: int = 512  # periods with which each period of a longer record is compared,
+    least_compared: int = 32  # or down to so few
+    pairs: int = 1 << 21  # where there are more pairs than fit into memory
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
 class TotalError:
     """G (F, n_y, n_u) and the variance (F, n_y) of the outputs' total error in the mean of all realisations.
 
-    lines (F_e,): which of the excited lines these F are.
+    lines (F_e,): flags of these F among the excited lines.
     """
 
     G: ComplexArray
@@ -40,30 +55,18 @@ class TotalError:
 
 
 def is_negligible(spectra: PeriodSpectra, leading: int, total: TotalError) -> bool:
-    """Whether the first `leading` periods of a record change G by far less than it scatters anyway."""
+    """True if the first `leading` periods of a record change G by far less than it scatters anyway."""
     spectra = spectra.on(total.lines)
     dY, dU = (X[:leading].mean(axis=0) - X[leading:].mean(axis=0) for X in (spectra.Y, spectra.U))
     dV = leading / len(spectra.periods) * (dY - np.einsum("fyu,fu->fy", total.G, dU))
-    groups = min(_MAX_GROUPS, max(1, len(dV) // _MIN_LINES_IN_GROUP))
+    groups = min(LIMITS.groups, max(1, len(dV) // LIMITS.lines_in_group))
     error, variance = (
         np.array([part.sum(axis=0) for part in np.array_split(x, groups)]) for x in (np.abs(dV) ** 2, total.variance)
     )
-    return bool(np.all(error <= _MAX_RELATIVE_ERROR**2 * variance))
+    return bool(np.all(error <= LIMITS.relative_error**2 * variance))
 
 
 TRANSIENT_LEFT_OUT = "transient-left-out"
-# An outlier cannot be identified among fewer periods.
-_MIN_PERIODS = 5
-# A period this close to the others is as good as they are, however exactly they agree.
-_NEGLIGIBLE_DISTANCE = 1e-4
-# Distances scatter at least by this part of their median; few periods alone would sometimes show less by chance.
-_MIN_SPREAD = 0.1
-# So many lines, evenly taken, give a distance as well as all.
-_MAX_LINES = 500
-# Likewise so many periods, with which each period of a longer record is compared, fewer where these are more pairs
-# than so many: all would not fit into memory.
-_MAX_COMPARED, _MIN_COMPARED = 512, 32
-_MAX_PAIRS = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Distances:
     @property
     def far(self) -> BoolArray:
         """Periods (P,) that are far in any channel."""
-        return np.asarray(np.any(np.maximum(self.limit, _NEGLIGIBLE_DISTANCE) < self.D, axis=1))
+        return np.asarray(np.any(np.maximum(self.limit, LIMITS.negligible_distance) < self.D, axis=1))
 
 
 @dataclass(frozen=True)
@@ -85,42 +88,42 @@ class Compared:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
     power (c, P): sums of its squares; apart (c, P, Q): the distance of each period from Q of them, in general all.
-    others (Q,): their indices.
+    references (Q,): their indices.
     """
 
     X: FloatArray
     power: FloatArray
     apart: FloatArray
-    others: IntArray
+    references: IntArray
 
     @classmethod
-    def of(cls, spectra: PeriodSpectra) -> Compared:
+    def from_spectra(cls, spectra: PeriodSpectra) -> Compared:
         """All periods of a record with each other, or of a long one with some."""
-        few = spectra.on(slice(None, None, -(-len(spectra.scale) // _MAX_LINES)))
+        few = spectra.on(slice(None, None, -(-len(spectra.scale) // LIMITS.lines)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
         np.multiply(np.moveaxis(few.z, 2, 0), few.scale.T[:, None], out=amplitudes)
         X = amplitudes.view(np.float64)
         P = X.shape[1]
-        if P <= _MAX_COMPARED:
+        if LIMITS.compared >= P:
             products = X @ np.swapaxes(X, 1, 2)
             power = np.einsum("cpp->cp", products)
             squares = power[:, :, None] + power[:, None, :] - 2 * products
             return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), np.arange(P))
-        count = min(_MAX_COMPARED, max(_MIN_COMPARED, _MAX_PAIRS // P))
-        others = np.linspace(0, P - 1, count).round().astype(np.int64)
+        count = min(LIMITS.compared, max(LIMITS.least_compared, LIMITS.pairs // P))
+        references = np.linspace(0, P - 1, count).round().astype(np.int64)
         power = np.einsum("cpk,cpk->cp", X, X)
-        squares = power[:, :, None] + power[:, None, others] - 2 * (X @ np.swapaxes(X[:, others], 1, 2))
-        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), others)
+        squares = power[:, :, None] + power[:, None, references] - 2 * (X @ np.swapaxes(X[:, references], 1, 2))
+        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references)
 
     @cached_property
     def ratio(self) -> float:
         """Largest over smallest distance of two periods, in the worst channel."""
-        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.others]
+        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.references]
         return float(np.max(apart.max(axis=1) / np.maximum(apart.min(axis=1), 1e-300)))
 
-    def are_alike(self, outlier_sigma: float) -> bool:
-        """Whether none can be far, whichever are good: the largest distance is within the limit of the smallest."""
-        return self.ratio < 1 + outlier_sigma * _MIN_SPREAD
+    def agree(self, outlier_sigma: float) -> bool:
+        """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
+        return self.ratio < 1 + outlier_sigma * LIMITS.spread
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
@@ -131,7 +134,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
     Raises DataError where transient_periods leaves fewer than two.
     """
     spectra = _without_left_out(spectra)
-    compared, P = Compared.of(spectra), len(spectra.periods)
+    compared, P = Compared.from_spectra(spectra), len(spectra.periods)
     if spec.transient_periods == "auto":
         leading, notes = _transient(spectra, compared, spec.outlier_sigma)
     elif P - spec.transient_periods >= 2:
@@ -154,10 +157,10 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
 def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
     """Without the periods that the repair of the log left out."""
     left_out = spectra.record.left_out
-    kept = spectra.only(np.flatnonzero(~np.isin(spectra.periods, left_out))) if len(left_out) else spectra
-    if len(kept.periods) < 2:
+    spectra_left = spectra.only(np.flatnonzero(~np.isin(spectra.periods, left_out))) if len(left_out) else spectra
+    if len(spectra_left.periods) < 2:
         raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair; measure more")
-    return kept
+    return spectra_left
 
 
 def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Distances:
@@ -169,14 +172,14 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     size = np.sqrt(np.maximum(_median(compared.power[:, good].T), 1e-300))
     D = _median_of_others(compared, good) / size
     typical = _median(D[good])
-    spread = 1.4826 * _median(np.abs(D[good] - typical))
-    limit = typical + outlier_sigma * np.maximum(spread, _MIN_SPREAD * typical)
-    found = Distances(D, typical, limit)
-    if not found.far.any():
-        return found
+    spread = STD_OVER_MAD * _median(np.abs(D[good] - typical))
+    limit = typical + outlier_sigma * np.maximum(spread, LIMITS.spread * typical)
+    distant = Distances(D, typical, limit)
+    if not distant.far.any():
+        return distant
     # A noise on few lines only scatters more.
-    least = typical * np.maximum(_MIN_SPREAD, 0.5 / np.sqrt(_noisy_lines(compared.X[:, good])))
-    return replace(found, limit=typical + outlier_sigma * np.maximum(spread, least))
+    least = typical * np.maximum(LIMITS.spread, 0.5 / np.sqrt(_noisy_lines(compared.X[:, good])))
+    return replace(distant, limit=typical + outlier_sigma * np.maximum(spread, least))
 
 
 def _noisy_lines(X: FloatArray) -> FloatArray:
@@ -198,8 +201,8 @@ def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
     P = compared.apart.shape[1]
     is_good = np.zeros(P, dtype=np.bool_)
     is_good[good] = True
-    columns = np.flatnonzero(is_good[compared.others])
-    itself = compared.others[columns]
+    columns = np.flatnonzero(is_good[compared.references])
+    itself = compared.references[columns]
     of_good = compared.apart[:, :, columns]
     of_good[:, itself, np.arange(len(itself))] = np.inf
     of_good.sort(axis=2)
@@ -213,13 +216,13 @@ def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float)
     """Number of periods at the start that are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
-    if later[0] == 0 or compared.are_alike(outlier_sigma):
+    if later[0] == 0 or compared.agree(outlier_sigma):
         return 0, ()
-    found = distances(compared, later, outlier_sigma)
-    leading = int(np.argmin(np.append(found.far[: later[0]], False)))
+    measured = distances(compared, later, outlier_sigma)
+    leading = int(np.argmin(np.append(measured.far[: later[0]], False)))
     if leading == 0:
         return 0, ()
-    note = replace(_note(spectra, np.arange(leading), found, "a transient"), code=TRANSIENT_LEFT_OUT)
+    note = replace(_note(spectra, np.arange(leading), measured, "a transient"), code=TRANSIENT_LEFT_OUT)
     if leading == later[0]:
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
@@ -230,30 +233,30 @@ def _outliers(
 ) -> tuple[IntArray, tuple[Note, ...]]:
     """Those of the settled periods (indices) that are far from the others."""
     none = settled[:0]
-    if len(settled) < _MIN_PERIODS or compared.are_alike(outlier_sigma):
+    if len(settled) < LIMITS.periods or compared.agree(outlier_sigma):
         return none, ()
-    found = distances(compared, settled, outlier_sigma)
-    far = settled[found.far[settled]]
-    return far, (_note(spectra, far, found, "no repetition of the others"),) if len(far) else ()
+    measured = distances(compared, settled, outlier_sigma)
+    far = settled[measured.far[settled]]
+    return far, (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
 
 
-def _note(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> Note:
+def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:
     record = spectra.record
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
-    worst = int(np.argmax((found.D[left_out] / np.maximum(found.limit, _NEGLIGIBLE_DISTANCE)).max(axis=0)))
+    worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, LIMITS.negligible_distance)).max(axis=0)))
     numbers = spectra.periods[left_out] + 1
-    total = record.n_samples // record.repeat_samples
+    total = record.n_repeats
     when = ""
     if record.rate_is_known:
         length = record.repeat_samples / record.rate_hz
         when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
-    by = _listed([f"{100 * d:.2g} %" for d in found.D[left_out, worst]])
+    by = _listed([f"{100 * d:.2g} %" for d in measured.D[left_out, worst]])
     return Note(
         "periods-left-out",
         f"{kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
-        f"{when} left out as {what}: {by} away from the other periods in {channels[worst]}, "
-        f"where {100 * found.typical[worst]:.2g} % is usual",
+        f"{when} left out as {reason}: {by} away from the other periods in {channels[worst]}, "
+        f"where {100 * measured.typical[worst]:.2g} % is usual",
         f"record {record.name}",
     )
 

@@ -1,8 +1,10 @@
-"""Quality of one configuration's measurement: coherences, singular values, noise; notes on weak inputs and outputs."""
+"""A measured response and its quality: coherences, singular values, noise; notes on weak inputs and outputs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,20 +12,43 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import (
-    inverse,
-    semidefinite_eigenvalues,
-    singular_values,
-    squared_magnitude,
-)
-from elastid.response import Levels, Quality
+from elastid.frf.matrices import inverse, semidefinite_eigenvalues, singular_values, squared_magnitude
+from elastid.record import Motion, Record
+from elastid.response import FrequencyResponse, Levels, Quality
 
-# Power of an input over the noise of its mean (20 dB) below which it costs accuracy.
-_MIN_INPUT_SNR = 100.0
-# An input or output is reported that is weak at more than this part of the lines.
-_MAX_WEAK_SHARE = 0.5
-# Beyond this condition one combination of the inputs has less than a hundredth of the power of another.
-_MAX_CONDITION = 10.0
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of a weak channel; false-alarm rates: not measured."""
+
+    input_snr: float = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
+    weak_share: float = 0.5  # of the lines at which a channel is weak, from which on it is reported
+    condition: float = 10.0  # of the inputs: beyond, one combination has less than a hundredth of the power of another
+
+
+LIMITS = Limits()
+
+
+def measured_response(
+    first: Record, quantity: Motion, freq_hz: FloatArray, G: ComplexArray, **estimated: Any
+) -> FrequencyResponse:
+    """G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`; first: of records that agree in all but their signals.
+
+    estimated: further fields of the response.
+    """
+    return FrequencyResponse(
+        freq_hz=freq_hz,
+        G=G,
+        inputs=first.inputs,
+        outputs=first.outputs,
+        quantity=quantity,
+        configuration=first.configuration,
+        rate_is_known=first.rate_is_known,
+        sliding=first.sliding,
+        input_units=first.input_units,
+        hold=first.images,
+        **estimated,
+    )
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
@@ -42,16 +67,11 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
         coherence=coherence,
         multiple_coherence=multiple,
         singular_values=singular_values(G),
-        input_singular_values=input_singular_values(data),
+        input_singular_values=relative_singular_values(data.UU / len(data.periods)),
         input_noise=noise[:, n_y:],
         output_noise=noise[:, :n_y],
         excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / data.periods))),
     )
-
-
-def input_singular_values(data: MeanSpectra) -> FloatArray:
-    """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
-    return relative_singular_values(data.UU / len(data.periods))
 
 
 def relative_singular_values(S_U: ComplexArray) -> FloatArray:
@@ -86,7 +106,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
             "that its row of G is mostly noise; check its channel, or raise the torque",
         )
         for i, name in enumerate(outputs)
-        if weak[:, i].mean() > _MAX_WEAK_SHARE
+        if weak[:, i].mean() > LIMITS.weak_share
     ]
 
 
@@ -94,7 +114,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
     """A note on every input that was barely excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)
-    weak = power < _MIN_INPUT_SNR * noise
+    weak = power < LIMITS.input_snr * noise
     notes = [
         Note(
             "input-barely-excited",
@@ -102,9 +122,9 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
             f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
         )
         for i, name in enumerate(inputs)
-        if weak[:, i].mean() > _MAX_WEAK_SHARE
+        if weak[:, i].mean() > LIMITS.weak_share
     ]
-    if np.median(quality.condition) > _MAX_CONDITION:
+    if np.median(quality.condition) > LIMITS.condition:
         notes.append(
             Note(
                 "inputs-move-together",

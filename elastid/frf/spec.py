@@ -28,8 +28,6 @@ Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "fl
 Friction: TypeAlias = Literal["none", "coulomb", "curve", "auto"]
 
 _MEANS = ("arithmetic", "harmonic", "logarithmic")
-# Segments that overlap more cost time and tell nothing new.
-_MAX_OVERLAP = 0.95
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
@@ -103,8 +101,8 @@ class EstimatorSpec:
             raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
         if self.local_order != "auto" and not 1 <= self.local_order <= 6:
             raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
-        if not 0 <= self.overlap <= _MAX_OVERLAP:
-            raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to {_MAX_OVERLAP:g} of a segment")
+        if not 0 <= self.overlap <= 0.95:  # more costs time without new information
+            raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to 0.95 of a segment")
         if self.segment != "auto" and not self.segment > 0:
             raise ValueError(f"segment is {self.segment:g} s; it must be positive")
         if self.resolution_hz is not None and not self.resolution_hz > 0:

@@ -22,11 +22,6 @@ from elastid.record import MOTION_ORDER, Motion, Record
 
 Role: TypeAlias = Literal["r", "u", "y"]
 
-# The drift at the ends of a period is averaged over this part of it: long enough to suppress encoder noise, short
-# enough that the drift is straight.
-_END_WINDOW = 1 / 50
-# Numbers between the spectra of two channels: a power of two apart, they would share few places of the cache.
-_GAP = 27
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
@@ -35,7 +30,7 @@ _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 class RecordSpectra:
     """The DFTs (P, N // 2 + 1, c) of the P repetitions of a record's signals, each computed once.
 
-    A half period counts as a repetition of a half-wave record, whose odd lines alone mean anything.
+    A half period counts as a repetition of a half-wave record, of which only the odd lines have a meaning.
     driver: DFT of the torque that excites (r; u where r was not recorded), kept where the excited lines are found in
     it.  None where the lines are known: then memory holds the spectra of one record at a time.
     """
@@ -45,7 +40,7 @@ class RecordSpectra:
 
     @property
     def driver_role(self) -> Role:
-        """Which signal excites: a slow carrier is in u but not in r."""
+        """The signal that excites: a slow carrier is in u but not in r."""
         return "u" if self.record.r is None else "r"
 
     def with_driver(self) -> RecordSpectra:
@@ -53,23 +48,19 @@ class RecordSpectra:
         return self if self.is_large else replace(self, driver=self.dft(self.driver_role))
 
     @property
-    def _n_periods(self) -> int:
-        return self.record.n_samples // self.record.repeat_samples
-
-    @property
     def is_large(self) -> bool:
-        """Whether the record is worked on in groups of periods."""
+        """True if the record is worked on in groups of periods."""
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
     def dft(self, role: Role) -> ComplexArray:
         """The DFT of a signal as it was logged."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
-        return self._of_periods(role, 0, self._n_periods)
+        return self._of_periods(role, 0, self.record.n_repeats)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
         """The same, some periods (p, N // 2 + 1, c) at a time."""
-        L, P = self.record.repeat_samples, self._n_periods
+        L, P = self.record.repeat_samples, self.record.n_repeats
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
             yield self._of_periods(role, first, min(P, first + at_once))
@@ -78,12 +69,11 @@ class RecordSpectra:
     def _of_periods(self, role: Role, first: int, last: int) -> ComplexArray:
         record, L = self.record, self.record.repeat_samples
         signals: FloatArray = getattr(record, role)
-        P = len(signals) // L
         blocks = signals[first * L : last * L].reshape(last - first, L, -1)
         if not record.half_wave:
             return np.asarray(rfft(blocks, axis=1))
         # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
-        blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
+        blocks = blocks - signals[: record.n_repeats // 2 * 2 * L].mean(axis=0)
         halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
         halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
@@ -109,26 +99,27 @@ class RecordSpectra:
         wanted, n_spectrum = _wanted(lines), self.record.repeat_samples // 2 + 1
         ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
         keeps_all = isinstance(wanted, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
-        size = n_spectrum + _GAP if keeps_all else len(lines)
-        found = np.empty((self._n_periods, ends[-1], size), np.complex128)
+        # Spectra of two channels a power of two apart would share few places of the cache.
+        size = n_spectrum + 27 if keeps_all else len(lines)
+        dft = np.empty((self.record.n_repeats, ends[-1], size), np.complex128)
         if keeps_all:
-            found = found[:, :, :n_spectrum]
+            dft = dft[:, :, :n_spectrum]
         for role, first, last in zip(roles, ends, ends[1:], strict=False):
-            self._put_dft_at(role, slice(None) if keeps_all else wanted, found[:, first:last])
-        return found.swapaxes(1, 2)[:, wanted] if keeps_all else found.swapaxes(1, 2)
+            self._put_dft_at(role, slice(None) if keeps_all else wanted, dft[:, first:last])
+        return dft.swapaxes(1, 2)[:, wanted] if keeps_all else dft.swapaxes(1, 2)
 
-    def _put_dft_at(self, role: Role, wanted: slice | IntArray, found: ComplexArray) -> None:
+    def _put_dft_at(self, role: Role, wanted: slice | IntArray, dft: ComplexArray) -> None:
         """Puts the DFT of all periods into found (P, c, F); half periods share their mean.
 
         Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
         """
         record, L = self.record, self.record.repeat_samples
         if record.half_wave or (role == self.driver_role and self.driver is not None):
-            found[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
+            dft[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
             return
-        signals, is_whole = getattr(record, role), found.shape[2] == L // 2 + 1
-        spectrum = np.empty((found.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
-        for p, of_period in enumerate(found):
+        signals, is_whole = getattr(record, role), dft.shape[2] == L // 2 + 1
+        spectrum = np.empty((dft.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
+        for p, of_period in enumerate(dft):
             rfft(signals[p * L : (p + 1) * L], axis=0, out=(of_period if is_whole else spectrum).T)
             if not is_whole:
                 of_period[:] = spectrum[:, wanted]
@@ -200,7 +191,7 @@ def period_groups(
     """The same, all periods at once; some of them at a time of a large record, whose spectra memory need not hold."""
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
-    drifts = np.array([each != "acceleration" for each in record.quantities])
+    drifts = np.array([logged != "acceleration" for logged in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
     for z in spectra.responses_at(lines):
@@ -218,13 +209,13 @@ def period_groups(
 def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> ComplexArray:
     r"""Scale (F, n_y + n_u) from the DFT of [y, u] to amplitudes: (2 / L) [(j omega)^k, H]."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    n_y = len(record.outputs)
-    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
-    scale = np.empty((len(lines), n_y + len(record.inputs)), dtype=np.complex128)
-    scale[:, :n_y] = (2j * np.pi * freq_hz[:, None]) ** order
-    scale[:, n_y:] = record.hold_response(freq_hz)
-    scale *= 2 / record.repeat_samples
-    return scale
+    return 2 / record.repeat_samples * unit_scale(record, freq_hz, quantity)
+
+
+def unit_scale(record: Record, freq_hz: FloatArray, quantity: Motion) -> ComplexArray:
+    r"""[(j omega)^k, H] (F, n_y + n_u): outputs to `quantity`, torques to those that act between their samples."""
+    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[logged] for logged in record.quantities])
+    return np.concatenate([(2j * np.pi * freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
 
 
 def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:
@@ -233,9 +224,8 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
     if record.r is None:
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    P = record.n_samples // record.repeat_samples
     scale = 2 / record.repeat_samples
-    mean = sum((group * scale).sum(axis=0) for group in spectra.dft_at("r", lines)) / P
+    mean = sum((group * scale).sum(axis=0) for group in spectra.dft_at("r", lines)) / record.n_repeats
     return np.asarray(mean * record.hold_response(freq_hz))
 
 
@@ -248,10 +238,10 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     .. math:: \sum_{n<N} \frac{n}{N} e^{-j\theta n} = \frac{1}{e^{-j\theta} - 1}, \quad
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
     """
-    L = record.repeat_samples
-    P = record.n_samples // L
+    L, P = record.repeat_samples, record.n_repeats
     x = record.y[: P * L]
-    window = max(1, round(_END_WINDOW / 2 * L))
+    # Averages over a fiftieth of a period suppress encoder noise, and the drift is straight over it.
+    window = max(1, round(1 / 50 / 2 * L))
     sign = -1.0 if record.half_wave else 1.0
     gain = np.empty((P, int(drifts.sum())))
     for p in range(P):
@@ -261,8 +251,7 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     if record.half_wave:  # the mean over whole periods is gone already
         gain -= gain[: P // 2 * 2].mean(axis=0)
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
-    parity = sign ** np.arange(P)
-    return parity[:, None] * gain, ramp
+    return (sign ** np.arange(P))[:, None] * gain, ramp
 
 
 def refuse_uncomputable(record: Record) -> None:
@@ -294,5 +283,5 @@ def _wanted(lines: IntArray) -> slice | IntArray:
 
 
 def _computable(size: FloatArray) -> BoolArray:
-    """Whether squares of these sizes neither overflow nor vanish; 0 is a number like others."""
+    """True where squares of these sizes neither overflow nor vanish; 0 is a number like others."""
     return np.asarray((size == 0) | ((size > _MIN_COMPUTABLE) & (size < _MAX_COMPUTABLE)))

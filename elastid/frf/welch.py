@@ -15,19 +15,14 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.bandwidth import local_modes
 from elastid.frf.matrices import adjoint, power, transposed
-from elastid.frf.measured_response import measured_response
-from elastid.frf.quality import coherences
+from elastid.frf.quality import LIMITS, coherences, measured_response
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import MOTION_ORDER, Record
+from elastid.frf.spectra import unit_scale
+from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
-# Segments that `auto` wants at least, of all records together, and for each input.
-_MIN_SEGMENTS = 16
-_MIN_SEGMENTS_PER_INPUT = 8
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
-# Numbers in the segments that are transformed at once: 32 MB.
-_NUMBERS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Segments:
             return 0.0
         shifts = range(1, min(K, -(-len(w) // D)))
         rho = [(np.dot(w[: -j * D], w[j * D :]) / np.dot(w, w)) ** 2 for j in shifts]
-        return float(K / (1 + 2 * sum((1 - j / K) * each for j, each in zip(shifts, rho, strict=True))))
+        return float(K / (1 + 2 * sum((1 - j / K) * rho_j for j, rho_j in zip(shifts, rho, strict=True))))
 
 
 @dataclass(frozen=True)
@@ -105,7 +100,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     first, n_u = records[0], len(records[0].inputs)
     lengths = [record.n_samples for record in records]
 
-    def of(L: int) -> Segments:
+    def segments_of(L: int) -> Segments:
         window = np.asarray(get_window(spec.window, L), dtype=np.float64)
         return Segments(window, max(1, L - int(spec.overlap * L)))
 
@@ -116,15 +111,15 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
             raise DataError(
                 f"{where}estimator.segment {spec.segment:g} s is {L} samples; give {4 / first.rate_hz:g} s or more"
             )
-        segments = of(L)
+        segments = segments_of(L)
     else:
-        wanted = max(_MIN_SEGMENTS, _MIN_SEGMENTS_PER_INPUT * n_u)
+        wanted = max(16, 8 * n_u)
         most = _MAX_NUMBERS // (len(first.outputs) + n_u)
         L = 2 ** int(np.log2(min(max(lengths), most)))
-        segments = of(L)
+        segments = segments_of(L)
         while L > 8 and sum(map(segments.count, lengths)) < wanted:
             L //= 2
-            segments = of(L)
+            segments = segments_of(L)
     if sum(map(segments.independent, lengths)) < n_u + 1:
         longest = max(lengths) / first.rate_hz
         raise DataError(
@@ -141,7 +136,7 @@ def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray
     L, n_y = len(w), len(first.outputs)
     n = n_y + len(first.inputs)
     S = np.zeros((len(lines), n, n), dtype=np.complex128)
-    at_once = max(1, _NUMBERS_AT_ONCE // (L * n))
+    at_once = max(1, 4_000_000 // (L * n))  # 32 MB
     for record in records:
         for begin in range(0, segments.count(record.n_samples), at_once):
             K = min(at_once, segments.count(record.n_samples) - begin)
@@ -153,29 +148,16 @@ def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray
             S += Z @ adjoint(Z)
             release(record.y)
             release(record.u)
-    freq_hz = line_frequencies(lines, first.rate_hz, L)
-    order = np.array([MOTION_ORDER[spec.quantity] - MOTION_ORDER[each] for each in first.quantities])
-    scale = np.empty((len(lines), n), dtype=np.complex128)
-    scale[:, :n_y] = (2j * np.pi * freq_hz[:, None]) ** order
-    scale[:, n_y:] = first.hold_response(freq_hz)
-    scale *= 2 / w.sum()
+    scale = 2 / w.sum() * unit_scale(first, line_frequencies(lines, first.rate_hz, L), spec.quantity)
     S *= scale[:, :, None] * scale[:, None, :].conj()
     lengths = [record.n_samples for record in records]
     return CrossSpectra(S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
 
 
-# Power of the weakest over the strongest combination of inputs, each relative to its RMS, below which rounding decides.
-_MIN_POWER_RATIO = 1e-12
-# Condition of the inputs beyond which they move nearly together.
-_MAX_CONDITION = 10.0
-# A resonance is resolved by so many lines of a segment within its bandwidth.
-_MIN_LINES_IN_MODE = 4.0
-
-
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
     """G (F, n_y, n_u) of one configuration by h1, h2 or hv, with coherences, from all segments of its records.
 
-    noise and total are the same: segments do not tell noise from nonlinear distortion.  Lines are those of a segment.
+    noise and total are the same: segments do not separate noise from distortion.  Lines are those of a segment.
 
     Raises DataError where the records are shorter than a segment, hold too few, or do not separate the inputs.
     """
@@ -184,23 +166,30 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     lines = grid_lines("full", spec.band_hz or (0.0, first.rate_hz / 2), first.rate_hz, len(segments.window))
     data = cross_spectra(records, segments, lines, spec)
     power_ratio = _input_power(data)
-    usable = power_ratio[:, 0] > _MIN_POWER_RATIO * power_ratio[:, -1]
+    usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
     if not usable.any():
         raise DataError(
             f"configuration {first.configuration.name}: its records do not separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
             "each with its own noise, or leave out the channel that was not excited"
         )
-    data, kept = data.on(usable), lines[usable]
+    data, lines_left = data.on(usable), lines[usable]
     G = _METHODS[spec.method](data)
-    freq_hz = line_frequencies(kept, first.rate_hz, len(segments.window))
+    freq_hz = line_frequencies(lines_left, first.rate_hz, len(segments.window))
     covariance, C_V = _covariance(data, G)
     quality = _quality(freq_hz, data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
         notes.append(Note("lines-left-out", text))
-    notes += [_segment_note(spec, segments, data, first), *_notes(freq_hz, G, covariance, quality, first)]
+    L = len(segments.window)
+    length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
+    text = (
+        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap {100 * spec.overlap:g} %: "
+        f"worth {data.K_e:.3g} independent ones"
+    )
+    notes.append(Note("segments", text, severity="information"))
+    notes += _notes(freq_hz, G, covariance, quality, first)
     response = measured_response(
         first, spec.quantity, freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
     )
@@ -277,21 +266,11 @@ def _quality(freq_hz: FloatArray, data: CrossSpectra, G: ComplexArray, C_V: Comp
     )
 
 
-def _segment_note(spec: EstimatorSpec, segments: Segments, data: CrossSpectra, first: Record) -> Note:
-    L = len(segments.window)
-    length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
-    text = (
-        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap {100 * spec.overlap:g} %: "
-        f"worth {data.K_e:.3g} independent ones"
-    )
-    return Note("segments", text, severity="information")
-
-
 def _notes(freq_hz: FloatArray, G: ComplexArray, covariance: Covariance, quality: Quality, first: Record) -> list[Note]:
     """A note where inputs move together, and one on resonances that a segment does not resolve."""
     notes = []
     condition = float(np.median(quality.condition))
-    if condition > _MAX_CONDITION:
+    if condition > LIMITS.condition:
         text = (
             f"the inputs move nearly together: the condition of their spectra is {condition:.3g} at the median line (1 "
             "is best); excite each with its own noise"
@@ -300,13 +279,13 @@ def _notes(freq_hz: FloatArray, G: ComplexArray, covariance: Covariance, quality
     if len(freq_hz) < 3:
         return notes
     spacing = float(np.min(np.diff(freq_hz)))
-    # Leakage is most of the variance at such a peak, which 10 dB are enough to tell from noise.
+    # Leakage is most of the variance at such a peak, which stands out of the noise by 10 dB.
     modes = local_modes(freq_hz, G, covariance.variance / 4)
-    narrow = np.flatnonzero(modes.bandwidth_hz < _MIN_LINES_IN_MODE * spacing)
+    narrow = np.flatnonzero(modes.bandwidth_hz < 4.0 * spacing)
     if narrow.size:
         worst = narrow[np.argmin(modes.bandwidth_hz[narrow])]
         unit = "Hz" if first.rate_is_known else "of the sampling rate"
-        longer = 2 * _MIN_LINES_IN_MODE / modes.bandwidth_hz[worst]
+        longer = 2 * 4.0 / modes.bandwidth_hz[worst]
         text = (
             f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(modes.freq_hz)} resonances, that at "
             f"{modes.freq_hz[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the "

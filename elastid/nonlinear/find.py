@@ -13,7 +13,7 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.nonlinear.choice import Choice, Kept, candidate_shapes, choose, refined, shares
+from elastid.nonlinear.choice import Choice, candidate_shapes, choose, refined, shares
 from elastid.nonlinear.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.nonlinear.places import limits_of, refusal
 from elastid.nonlinear.reconstruct import with_inertial_accelerance
@@ -22,10 +22,6 @@ from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
 from elastid.record import Motion as Quantity
-
-# The highest of the excited lines, where a motor moves as an inertia.
-_HIGHEST = 1 / 8
-
 
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
@@ -46,29 +42,32 @@ def find_friction(
     Raises DataError and StudyError as `estimate` does.
     """
     execution = execution or Execution()
-    look = _first_look(measured, spec, planned, execution)
-    if isinstance(look, FrictionTakenOut):
-        return look
-    raw = normal_equations(look.data, np.zeros(len(look.choice.shapes)), look.choice.motor_of)
-    levels, found = find_levels(look.data, look.choice.motor_of, look.choice.taken)
-    frictions = [taken(levels, each.Phi, look.choice.motor_of, len(look.first.inputs)) for each in look.data]
-    accelerance = accelerance_of_lines(look.data, frictions, spec.quantity)
-    result = _result(look, look.choice, levels, accelerance, raw, found)
-    result = with_inertial_accelerance(result, look.last, look.highest_hz, execution)
-    if len(look.choice.taken):
-        choice = refined(look.choice, levels, look.first.inputs)
+    survey = _survey(measured, spec, planned, execution)
+    if isinstance(survey, FrictionTakenOut):
+        return survey
+    raw = normal_equations(survey.data, np.zeros(len(survey.choice.shapes)), survey.choice.motor_of)
+    levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
+    frictions = [
+        taken(levels, configuration.Phi, survey.choice.motor_of, len(survey.first.inputs))
+        for configuration in survey.data
+    ]
+    accelerance = accelerance_of_lines(survey.data, frictions, spec.quantity)
+    result = _result(survey, survey.choice, levels, accelerance, raw, equations)
+    result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
+    if len(survey.choice.taken):
+        choice = refined(survey.choice, levels, survey.first.inputs)
         data = execution.ordered(partial(_gathered, choice.shapes, spec, planned, result), measured)
-        levels, found = find_levels(data, choice.motor_of, choice.taken)
-        result = _result(look, choice, levels, result.accelerance, raw, found)
-        result = with_inertial_accelerance(result, look.last, look.highest_hz, execution)
-    return replace(result, notes=(*result.notes, *look.limits))
+        levels, equations = find_levels(data, choice.motor_of, choice.taken)
+        result = _result(survey, choice, levels, result.accelerance, raw, equations)
+        result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
+    return replace(result, notes=(*result.notes, *survey.limits))
 
 
 @dataclass(frozen=True)
-class _Look:
-    """Choice by the motion that samples show: spectra of each configuration and the shapes that were chosen.
+class _Survey:
+    """Choice by the sampled motion: spectra of each configuration and the shapes that were chosen.
 
-    first: a record.  last: those of the last configuration.  limits: notes of what cannot be distinguished.
+    first: a record.  last: those of the last configuration.  limits: notes on motors whose friction cannot be found.
     """
 
     first: Record
@@ -85,11 +84,10 @@ class _Look:
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """One configuration as its samples show it.
+class _Configuration:
+    """One configuration by its sampled motion.
 
-    refusal: why friction cannot be found in it, and data None; empty where it can.
-    limits: what cannot be distinguished.
+    refusal: why friction cannot be found in it; empty where it can.  limits: as of `_Survey`.
     """
 
     name: str
@@ -98,9 +96,9 @@ class _Seen:
     data: ConfigurationSpectra | None = None
 
 
-def _first_look(
+def _survey(
     measured: Sequence[Iterable[Record]], spec: EstimatorSpec, planned: IntArray | None, execution: Execution
-) -> _Look | FrictionTakenOut:
+) -> _Survey | FrictionTakenOut:
     """The shapes of friction of all configurations; or no friction, with the reason."""
     records = tuple(measured[0])
     first = records[0]
@@ -110,28 +108,34 @@ def _first_look(
         return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     few = -(-_CHOICE_RECORDS // len(records))
-    seen = execution.ordered(partial(_seen, shapes, first.inputs, spec, planned), measured[:few])
-    if refused := _refused(seen):
+    surveyed = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[:few])
+    if refused := _refused(surveyed):
         return _nothing(first, refused, spec.friction)
-    choice, kept, data = _chosen([each.data for each in seen if each.data is not None], shapes, first, spec)
-    shapes = tuple(shapes[i] for i in kept.candidates)
-    later = execution.ordered(partial(_seen, shapes, first.inputs, spec, planned), measured[few:])
+    spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
+    choice, reduced = choose(spectra, shapes, first.inputs, spec.friction == "auto")
+    data = [configuration.with_shapes(reduced.candidates, reduced.rates) for configuration in spectra]
+    shapes = tuple(shapes[i] for i in reduced.candidates)
+    later = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[few:])
     if refused := _refused(later):
         return _nothing(first, refused, spec.friction)
     every = np.arange(len(shapes))
-    data += [each.data.with_shapes(every, kept.rates) for each in later if each.data is not None]
-    names = tuple(each.name for each in (*seen, *later))
-    limits = {note.text: note for each in (*seen, *later) for note in each.limits}
-    return _Look(first, tuple(measured[-1]), names, data, choice, tuple(limits.values()))
+    data += [
+        configuration.data.with_shapes(every, reduced.rates)
+        for configuration in later
+        if configuration.data is not None
+    ]
+    names = tuple(configuration.name for configuration in (*surveyed, *later))
+    limits = {note.text: note for configuration in (*surveyed, *later) for note in configuration.limits}
+    return _Survey(first, tuple(measured[-1]), names, data, choice, tuple(limits.values()))
 
 
-def _seen(
+def _surveyed(
     shapes: Sequence[Shape],
     inputs: tuple[str, ...],
     spec: EstimatorSpec,
     planned: IntArray | None,
     measured: Iterable[Record],
-) -> _Seen:
+) -> _Configuration:
     """A configuration whose records must have the inputs of the first one."""
     records = tuple(measured)
     refuse_mismatch(records)
@@ -139,16 +143,26 @@ def _seen(
     if not refused and records[0].inputs != inputs:
         refused = "configurations have different inputs, and so no motors in common"
     if refused:
-        return _Seen(name, refused)
+        return _Configuration(name, refused)
     data = gather_configuration(records, shapes, spec, planned)
     if not data.is_invertible:
-        return _Seen(name, _dependent(records))
-    return _Seen(name, "" if data.shows_friction else _one_response(records), limits_of(records), data)
+        refused = (
+            f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
+            f"{len(records)} experiments of configuration {name}; check for a file listed twice and for a channel that "
+            "holds the signal of another motor"
+        )
+        return _Configuration(name, refused)
+    if not data.shows_friction:
+        refused = (
+            f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
+            "response whatever friction is; measure a further realisation with other phases"
+        )
+    return _Configuration(name, refused, limits_of(records), data)
 
 
-def _refused(seen: Sequence[_Seen]) -> str:
+def _refused(surveyed: Sequence[_Configuration]) -> str:
     """Why friction cannot be found in the first configuration of which that is so."""
-    return next((each.refusal for each in seen if each.refusal), "")
+    return next((configuration.refusal for configuration in surveyed if configuration.refusal), "")
 
 
 def _gathered(
@@ -162,51 +176,26 @@ def _gathered(
     return gather_configuration(tuple(measured), shapes, spec, planned, friction)
 
 
-def _chosen(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], first: Record, spec: EstimatorSpec
-) -> tuple[Choice, Kept, list[ConfigurationSpectra]]:
-    """The choice of shapes, and the spectra of these alone."""
-    choice, kept = choose(data, candidates, first.inputs, spec.friction == "auto")
-    return choice, kept, [each.with_shapes(kept.candidates, kept.rates) for each in data]
-
-
-def _dependent(records: Sequence[Record]) -> str:
-    return (
-        f"the torques of {', '.join(records[0].inputs)}, or the angles of these motors, are not independent in all "
-        f"{len(records)} experiments of configuration {records[0].configuration.name}; check for a file listed twice "
-        "and for a channel that holds the signal of another motor"
-    )
-
-
-def _one_response(records: Sequence[Record]) -> str:
-    return (
-        f"{len(records)} experiments of {len(records[0].inputs)} inputs without lines that are not excited agree with "
-        "one response whatever friction is; measure a further realisation with other phases"
-    )
-
-
 def _result(
-    look: _Look,
+    survey: _Survey,
     choice: Choice,
     levels: FloatArray,
     accelerance: FloatArray,
     raw: NormalEquations,
-    found: NormalEquations,
+    equations: NormalEquations,
 ) -> FrictionTakenOut:
-    first = look.first
-    left = shares(found, len(first.inputs), choice.motor_of, choice.taken)
+    first = survey.first
+    left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(found, choice.taken) + choice.covariance,
-        configurations=look.names,
+        covariance=covariance(equations, choice.taken) + choice.covariance,
+        configurations=survey.names,
         before=raw.level,
-        after=found.level,
-        kept_share=np.array(
-            [left[i] if i in choice.motor_of else choice.kept_share[i] for i in range(len(first.inputs))]
-        ),
+        after=equations.level,
+        kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
         accelerance=accelerance,
     )
     return replace(result, notes=_notes(result))
@@ -236,10 +225,11 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction, with the reason: a warning where the study asks for it by name.
 
-    It goes without saying where no motor moves the structure.
+    No note where no motor moves the structure: `why` is empty then.
     """
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
+    note = Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
@@ -251,9 +241,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
         accelerance=np.zeros(n_m),
-        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity),)
-        if why
-        else (),
+        notes=(note,) if why else (),
     )
 
 
@@ -264,10 +252,11 @@ def accelerance_of_lines(
 
     frictions: torques (F, n_m, K) that are taken out of each configuration.
     """
-    found = []
-    for each, friction in zip(data, frictions, strict=True):
-        on = np.flatnonzero(each.excited)[-max(1, int(_HIGHEST * each.excited.sum())) :]
-        G = each.Y[on] @ np.linalg.pinv(each.U[on] - friction[on])
-        s = 2j * np.pi * each.freq_hz[on, None]
-        found.append(np.diagonal(G, axis1=1, axis2=2) * s ** (2 - MOTION_ORDER[quantity]))
-    return np.asarray(np.maximum(np.median(np.concatenate(found).real, axis=0), 0.0))
+    responses = []
+    for configuration, friction in zip(data, frictions, strict=True):
+        # A motor moves as an inertia at the highest eighth of the excited lines.
+        on = np.flatnonzero(configuration.excited)[-max(1, int(1 / 8 * configuration.excited.sum())) :]
+        G = configuration.Y[on] @ np.linalg.pinv(configuration.U[on] - friction[on])
+        s = 2j * np.pi * configuration.freq_hz[on, None]
+        responses.append(np.diagonal(G, axis1=1, axis2=2) * s ** (2 - MOTION_ORDER[quantity]))
+    return np.asarray(np.maximum(np.median(np.concatenate(responses).real, axis=0), 0.0))

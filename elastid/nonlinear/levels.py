@@ -19,12 +19,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
 
-# The level of the residual is averaged over so many neighbouring lines for the weights.
-_WINDOW = 9
-# Repetitions of the regression; the change falls by more than ten each time.
-_ITERATIONS = 4
-# Blocks of lines in the place of realisations, where there is one.
-_BLOCKS = 5
+_BLOCKS = 5  # of lines, which replace realisations where there is one
 
 
 @dataclass(frozen=True)
@@ -33,7 +28,7 @@ class NormalEquations:
 
     A fold is a realisation, or a block of lines where there is one realisation.  A (M, n_f, n_f), b (M, n_f): X^H X and
     X^H e.  c (M, n_m): e^H e.  level (C, n_m): amplitude of e - X f at a line, the median, which a few lines
-    beside sharp resonances do not move.  dof_share: share of the residuals that the elimination of G leaves.
+    near sharp resonances do not move.  dof_share: share of the residuals that the elimination of G leaves.
     """
 
     A: FloatArray
@@ -46,21 +41,21 @@ class NormalEquations:
 def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray) -> NormalEquations:
     """The sums about given levels (n_f,) of shapes at motors motor_of (n_f,)."""
     n_m, n_f = data[0].U.shape[1], len(levels)
-    realisations = np.unique(np.concatenate([each.realisation for each in data]))
+    realisations = np.unique(np.concatenate([spectra.realisation for spectra in data]))
     M = len(realisations) if len(realisations) > 1 else _BLOCKS
     A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
     level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
-    for i, each in enumerate(data):
-        net = each.net(taken(levels, each.Phi, motor_of, n_m))
-        of = each.excited[net.counts]
-        shares[i] = 1 - n_m / each.U.shape[2] * of.mean() if of.size else 1.0
-        fold, of_shapes = _folds(each, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
+    for i, spectra in enumerate(data):
+        net = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
+        excited = spectra.excited[net.counts]
+        shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
+        fold, of_shapes = _folds(spectra, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
             e, X = net.e[net.counts, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
-            w = np.sqrt(_weights(left, of))[:, None]
+            w = np.sqrt(_weights(left, excited))[:, None]
             e, X = w * e, w * X
             for m in range(M):
                 e_m, X_m = e[fold == m], X[:, fold == m]
@@ -75,9 +70,9 @@ def find_levels(
 ) -> tuple[FloatArray, NormalEquations]:
     """Levels (n_f,), none negative and 0 of all shapes but those chosen (n,), and the sums about them."""
     levels = np.zeros(len(motor_of))
-    for _ in range(_ITERATIONS):
-        found = normal_equations(data, levels, motor_of)
-        levels[chosen] = solve(found.A.sum(axis=0)[np.ix_(chosen, chosen)], found.b.sum(axis=0)[chosen])
+    for _ in range(4):  # the change falls by more than ten each time
+        equations = normal_equations(data, levels, motor_of)
+        levels[chosen] = solve(equations.A.sum(axis=0)[np.ix_(chosen, chosen)], equations.b.sum(axis=0)[chosen])
     return levels, normal_equations(data, levels, motor_of)
 
 
@@ -93,7 +88,7 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     # A small ridge: shapes may be the same in all that was measured.
     A, b = A / np.outer(size, size) + 1e-9 * np.eye(len(b)), b / size
     f, free = np.zeros(len(b)), np.zeros(len(b), bool)
-    for _ in range(3 * len(b)):  # rounding might free and hold the same one for ever
+    for _ in range(3 * len(b)):  # rounding might free and hold the same level for ever
         pull = np.where(free, 0.0, b - A @ f)
         if pull.max() <= 1e-12 * np.abs(b).max():
             break
@@ -115,15 +110,15 @@ def _moved_within(A: FloatArray, b: FloatArray, f: FloatArray, free: BoolArray) 
         f = np.where(free, f, 0.0)
 
 
-def covariance(found: NormalEquations, chosen: IntArray) -> FloatArray:
+def covariance(equations: NormalEquations, chosen: IntArray) -> FloatArray:
     """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines.
 
     0 of all shapes but those chosen (n,).
     """
-    n_f = found.A.shape[1]
+    n_f = equations.A.shape[1]
     C = np.zeros((n_f, n_f))
     if len(chosen):
-        A = (found.A.sum(axis=0) * found.dof_share)[np.ix_(chosen, chosen)]
+        A = (equations.A.sum(axis=0) * equations.dof_share)[np.ix_(chosen, chosen)]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
         C[np.ix_(chosen, chosen)] = (
             0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size)
@@ -145,6 +140,6 @@ def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     for kind in (excited, ~excited):
         if not kind.any():
             continue
-        window = np.ones(min(_WINDOW, int(kind.sum())))
+        window = np.ones(min(9, int(kind.sum())))
         smooth[kind] = np.convolve(power[kind], window, "same") / np.convolve(np.ones(kind.sum()), window, "same")
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))

@@ -17,8 +17,6 @@ CELLS = 8
 # transient is; and all others where the velocity has more noise than this part of its RMS. With less noise lines of the
 # period are better kept, since friction moves the motor a little at all of them.
 _MIN_SNR, _NOISY = 8.0, 0.01
-# The noise is that of the highest part of all lines, where a robot hardly moves.
-_NOISE_BAND = 1 / 8
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     if high is not None:
         Y = Y - folded(integrated(high, fine_s, -order), n)
     power = np.abs(Y) ** 2
-    band = power[int((1 - _NOISE_BAND) * len(power)) :]
+    band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
     noise = float(np.median(band)) / np.log(2)
     of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
     Y[~of_period & (power < _MIN_SNR * noise)] = 0
@@ -143,9 +141,9 @@ def folded(X: ComplexArray, n: int) -> ComplexArray:
     """
     above = X[:-1].reshape(-1, n).sum(axis=0)
     below = np.concatenate([above[:1] - X[:1], above[:0:-1]]).conj()
-    found = (above + below)[: n // 2 + 1]
-    found[0] += X[-1]
-    return np.asarray(found)
+    samples = (above + below)[: n // 2 + 1]
+    samples[0] += X[-1]
+    return np.asarray(samples)
 
 
 @lru_cache(maxsize=16)

@@ -11,7 +11,7 @@ Friction cannot be found at all places: motors stick, their torque is no input, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,12 +21,22 @@ from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.motion import motion_of
 from elastid.record import Record
 
-# The sign of a velocity with more noise than this, over its RMS, is noise.
-_MAX_VELOCITY_NOISE = 0.03
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of motors whose friction cannot be found; false-alarm rates: not measured."""
+
+    velocity_noise: float = 0.03  # over the RMS of the velocity, above which its sign is noise
+    still: float = 0.01  # of the RMS velocity, below which a motor is still,
+    still_noise: float = 2.0  # or below so many times its noise
+    sticking: float = 0.2  # of the time that a motor is still, if it sticks; one of Gaussian velocity: at most 0.05
+
+
+LIMITS = Limits()
 
 
 def on_shafts(record: Record, E: FloatArray | None) -> Record:
-    """The record with torques and motions of shafts in the place of those of motors; itself without couplings (None).
+    """The record with torques and motions of shafts instead of motors; itself without couplings (None).
 
     Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
     """
@@ -34,12 +44,12 @@ def on_shafts(record: Record, E: FloatArray | None) -> Record:
         return record
     columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
-        others = [i for i in range(len(record.outputs)) if i not in columns]
+        rest = [i for i in range(len(record.outputs)) if i not in columns]
         return replace(
             record,
-            y=record.y[:, others],
-            outputs=tuple(record.outputs[i] for i in others),
-            quantities=tuple(record.quantities[i] for i in others),
+            y=record.y[:, rest],
+            outputs=tuple(record.outputs[i] for i in rest),
+            quantities=tuple(record.quantities[i] for i in rest),
         )
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
@@ -60,44 +70,30 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
     return replace(record, u=record.u @ of_torque, y=y, r=r)
 
 
-# A velocity below this part of its RMS, or below so many times its noise, is none.
-_STILL, _NOISES = 0.01, 2.0
-# A motor that is still for this part of the time sticks; one of Gaussian velocity is for at most 5 %.
-_MIN_STICKING = 0.2
-
-
 def limits_of(records: Sequence[Record]) -> tuple[Note, ...]:
     """Notes on the motors of a configuration, from the first of its records."""
     first = records[0]
     notes = []
     for place in first.inputs:
         motion = motion_of(first, place)
-        still = max(_STILL * motion.speed, _NOISES * motion.velocity_noise)
+        still = max(LIMITS.still * motion.speed, LIMITS.still_noise * motion.velocity_noise)
         share = float(np.mean(np.abs(motion.velocity) <= still))
-        if share > _MIN_STICKING:
+        if share > LIMITS.sticking:
             text = (
                 f"{place} hardly moves for {100 * share:.0f} % of the time in configuration "
                 f"{first.configuration.name}: it sticks, friction is then a spring of bristles, which stays in the "
                 "responses; excite it more, or move it by a carrier"
             )
             notes.append(Note("friction-sticks", text))
-    others = [place for place in first.outputs if place.startswith("motor ") and place not in first.inputs]
-    if others:
-        names = ", ".join(others)
+    unlogged = [place for place in first.outputs if place.startswith("motor ") and place not in first.inputs]
+    if unlogged:
+        names = ", ".join(unlogged)
         text = (
             f"{names}: friction stays in the responses, since the torque of {names} is not among the inputs; log it "
             "and excite it, or take what the responses call viscous friction there for dry friction as well"
         )
         notes.append(Note("friction-left", text, severity="information"))
     return tuple(notes)
-
-
-def torque_is_reference(record: Record) -> tuple[str, ...]:
-    """Inputs whose logged torque equals the reference to the last bit."""
-    if record.r is None:
-        return ()
-    same = np.all(record.u == record.r, axis=0)
-    return tuple(place for place, equal in zip(record.inputs, same.tolist(), strict=True) if equal)
 
 
 def refusal(records: Sequence[Record]) -> str:
@@ -111,10 +107,11 @@ def refusal(records: Sequence[Record]) -> str:
             f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
             "function of them"
         )
-    if same := torque_is_reference(first):
+    equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
+    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
         return (
-            f"the torque of {', '.join(same)} equals the reference to the last bit, so that what the controller adds "
-            "against friction is not in it and friction cannot be told; log the torque, or the current, that the "
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
+            "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
             "drive is given"
         )
     if any(RecordSpectra(record).is_large for record in records):
@@ -123,16 +120,10 @@ def refusal(records: Sequence[Record]) -> str:
     if n_u > K:
         return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
     for place in first.inputs:
-        noise, speed = _velocity(records, place)
-        if noise > _MAX_VELOCITY_NOISE * speed:
+        motion = motion_of(first, place)
+        if motion.velocity_noise > LIMITS.velocity_noise * motion.speed:
             return (
-                f"the velocity of {place} is {speed:.2g} RMS and its noise {noise:.2g}, so that its sign is not known; "
-                "use an encoder of more counts, or excite slower or larger motions"
+                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
             )
     return ""
-
-
-def _velocity(records: Sequence[Record], place: str) -> tuple[float, float]:
-    """RMS noise and RMS of the velocity of a motor, in the first of the records."""
-    motion = motion_of(records[0], place)
-    return motion.velocity_noise, motion.speed

@@ -58,10 +58,6 @@ from elastid.record import Record
 
 # Cells in a sample: with 8 of them k and d are off by up to 2.5 standard deviations of a good measurement.
 SHARP_CELLS = 32
-# Of what the part above half the rate was off at first, on the CELLS of samples.
-_TOLERANCE = 0.1
-# Most motions need 5.
-_MOST_REPETITIONS = 12
 # Steps on the finer cells from there: one leaves friction several times as far from where repetition ends.
 _SHARP_STEPS = 2
 
@@ -81,12 +77,9 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
         torque[: len(own)] -= own[: len(torque)]
         return np.asarray(accelerance * twice_integrated(torque, record))
 
-    high = fixed_point(
-        lambda high: part_above(motion_of(record, place, high), CELLS),
-        part_above(motion, CELLS),
-        _TOLERANCE,
-        _MOST_REPETITIONS,
-    )
+    # To a tenth of the first error of the part above half the rate; most motions need 5 repetitions.
+    start = part_above(motion, CELLS)
+    high = fixed_point(lambda high: part_above(motion_of(record, place, high), CELLS), start, 0.1, 12)
     coarse = np.zeros(n * SHARP_CELLS // 2 + 1, complex)
     coarse[: len(high)] = high
     high = fixed_point(lambda high: part_above(motion_of(record, place, high), SHARP_CELLS), coarse, 0.0, _SHARP_STEPS)
@@ -127,13 +120,9 @@ def twice_integrated(torque: ComplexArray, record: Record) -> ComplexArray:
 @lru_cache(maxsize=4)
 def _twice_above(lines: int, n: int, rate_hz: float) -> FloatArray:
     """1 / s^2 (lines,) of lines of n samples, above half the rate, 0 at all lower ones."""
-    found = np.zeros(lines)
-    found[n // 2 + 1 :] = 1 / (laplace(lines, n, rate_hz)[n // 2 + 1 :] ** 2).real
-    return frozen(found)
-
-
-# Of so many steps differences are combined.
-_DEPTH = 5
+    values = np.zeros(lines)
+    values[n // 2 + 1 :] = 1 / (laplace(lines, n, rate_hz)[n // 2 + 1 :] ** 2).real
+    return frozen(values)
 
 
 def fixed_point(
@@ -152,8 +141,8 @@ def fixed_point(
         x = _combined(mapped, residual, of_mapped, of_residual)
         mapped = F(x)
         residual = mapped - x
-        of_mapped = [*of_mapped[1 - _DEPTH :], mapped - before]
-        of_residual = [*of_residual[1 - _DEPTH :], residual - last]
+        # The last five differences are combined.
+        of_mapped, of_residual = [*of_mapped[-4:], mapped - before], [*of_residual[-4:], residual - last]
     return _combined(mapped, residual, of_mapped, of_residual)
 
 
@@ -170,14 +159,6 @@ def _combined(
     return np.asarray(mapped - sum(g * step for g, step in zip(gamma, of_mapped, strict=True)))
 
 
-# The lines above: from so many times the highest excited one on, or from this part of the rate.
-_ABOVE, _MAX_LOWEST = 1.5, 1 / 4
-# So many records give it to less than a percent.
-_MAX_RECORDS = 6
-# A regression of a larger standard deviation, over its result, is not better than the excited lines.
-_MAX_ERROR = 0.03
-
-
 def with_inertial_accelerance(
     friction: FrictionTakenOut, records: Sequence[Record], highest_hz: float, execution: Execution | None = None
 ) -> FrictionTakenOut:
@@ -192,14 +173,16 @@ def with_inertial_accelerance(
         if place in friction.taken_places() and accelerance[m] != 0 and shows_images(records[0], place)
     ]
     work = partial(_equations, [friction.places[m] for m in motors], friction, highest_hz)
-    of_records = (execution or Execution()).ordered(work, records[:_MAX_RECORDS]) if motors else []
+    # Six records give it to less than a percent.
+    of_records = (execution or Execution()).ordered(work, records[:6]) if motors else []
     for m, *parts in zip(motors, *of_records, strict=True):
-        X, y = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+        X, y = (np.concatenate(equations, axis=-1) for equations in zip(*parts, strict=True))
         A = (X.conj() @ X.T).real
-        found = np.linalg.solve(A, (X.conj() @ y).real)
-        variance = np.mean(np.abs(y - found @ X) ** 2) / 2 * np.linalg.inv(A)[0, 0]
-        if np.sqrt(variance) < _MAX_ERROR * found[0]:
-            accelerance[m] = found[0]
+        solution = np.linalg.solve(A, (X.conj() @ y).real)
+        variance = np.mean(np.abs(y - solution @ X) ** 2) / 2 * np.linalg.inv(A)[0, 0]
+        # One of a larger standard deviation is not better than the excited lines.
+        if np.sqrt(variance) < 0.03 * solution[0]:
+            accelerance[m] = solution[0]
     return replace(friction, accelerance=accelerance)
 
 
@@ -208,10 +191,10 @@ def _equations(
 ) -> list[tuple[ComplexArray, ComplexArray]]:
     """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above `highest_hz`."""
     n, rate_hz = whole_samples(record), record.rate_hz
-    lowest = min(_ABOVE * highest_hz, _MAX_LOWEST * rate_hz)
+    lowest = min(1.5 * highest_hz, 1 / 4 * rate_hz)
     lines = np.arange(0, n // 2, n // record.period_samples)
     lines = lines[line_frequencies(lines, rate_hz, n) > lowest]
-    found = []
+    equations = []
     for place in places:
         torque = held_spectrum(record.u[:n, record.inputs.index(place)])
         torque -= friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
@@ -219,12 +202,8 @@ def _equations(
         inertia = integrated(torque, s, 2)
         spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
         Y, _, _ = own_spectrum(record, place)
-        found.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines]))
-    return found
-
-
-# Near a zero of the hold the torque's samples say nothing of the torque.
-_MIN_HOLD = 0.1
+        equations.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines]))
+    return equations
 
 
 def over_whole_periods(record: Record) -> Record:
@@ -252,4 +231,5 @@ def as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:
     lines = np.arange(n // 2 + 1)
     H = record.hold_response(line_frequencies(lines, record.rate_hz, n))[:, record.inputs.index(place)]
     low = torque[: len(lines)]
-    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > _MIN_HOLD), n))
+    # Near a zero of the hold the torque's samples do not determine the torque.
+    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))

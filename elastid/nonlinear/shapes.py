@@ -22,10 +22,6 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, laplace, whole_samples
 from elastid.record import Record
 
-# From here on tanh(x) is 1 to 1e-10.
-_SATURATED = 12.0
-
-
 Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
 RATE_OF: dict[Kind, Kind] = {"stop": "stop rate", "bristle": "bristle rate"}
 
@@ -65,14 +61,16 @@ def amplitudes(
 ) -> ComplexArray:
     """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), in the mean over some repetitions of a record."""
     L, n = record.repeat_samples * motion.cells, record.period_samples * motion.cells
-    found = np.zeros((len(shapes), len(lines)), complex)
-    for shape, of_shape, means in zip(shapes, found, _cell_means(record, motion, shapes), strict=True):
-        each = means.reshape(-1, L)[periods]
-        mean = ((-1.0) ** periods @ each if record.half_wave else each.sum(axis=0)) / len(periods)
+    dft = np.zeros((len(shapes), len(lines)), complex)
+    for shape, of_shape, means in zip(shapes, dft, _cell_means(record, motion, shapes), strict=True):
+        repetitions = means.reshape(-1, L)[periods]
+        mean = ((-1.0) ** periods @ repetitions if record.half_wave else repetitions.sum(axis=0)) / len(periods)
         if record.half_wave:
             mean = np.concatenate([mean, -mean])
-        of_shape[:] = rfft(mean)[lines] * _derivative(record, shape, lines, record.period_samples)
-    return np.asarray(found * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
+        of_shape[:] = rfft(mean)[lines]
+        if shape.is_rate:
+            of_shape *= 2j * np.pi * record.rate_hz / record.period_samples * shape.threshold * lines
+    return np.asarray(dft * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
 
 
 def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
@@ -81,27 +79,27 @@ def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]
     Over the whole periods of a record.
     """
     n = whole_samples(record)
-    found = np.zeros(n * motion.cells // 2 + 1, complex)
+    dft = np.zeros(n * motion.cells // 2 + 1, complex)
     for is_rate in (False, True):
         own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
         if own:
             # One transform of their sum: it costs more than a shape.
             of_sum = rfft(_sum_of_cell_means(record, motion, own))
-            found += of_sum * laplace(len(found), n, record.rate_hz) if is_rate else of_sum
-    found *= _of_cells(n * motion.cells, motion.cells)
-    return found
+            dft += of_sum * laplace(len(dft), n, record.rate_hz) if is_rate else of_sum
+    dft *= _of_cells(n * motion.cells, motion.cells)
+    return dft
 
 
 def _sum_of_cell_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
     """The mean (n cells,) in each cell of friction of some shapes; of rates, of the bristles times their thresholds."""
     signs = [(shape.threshold, level) for shape, level in taken if shape.kind == "sign"]
-    found = sum_of_mean_signs(motion.velocity, signs) if signs else np.zeros(len(motion.velocity) - 1)
+    total = sum_of_mean_signs(motion.velocity, signs) if signs else np.zeros(len(motion.velocity) - 1)
     bent = [
         (shape, level * (shape.threshold if shape.is_rate else 1.0)) for shape, level in taken if shape.kind != "sign"
     ]
     for (_, level), means in zip(bent, _cell_means(record, motion, [shape for shape, _ in bent]), strict=True):
-        found += level * means
-    return found
+        total += level * means
+    return total
 
 
 def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
@@ -127,12 +125,6 @@ def _of_cells(n: int, cells: int) -> ComplexArray:
     return frozen(np.exp(-1j * np.pi * x) / (np.sinc(x) * cells), np.complex128)
 
 
-def _derivative(record: Record, shape: Shape, lines: IntArray, n: int) -> ComplexArray | float:
-    if not shape.is_rate:
-        return 1.0
-    return np.asarray(2j * np.pi * record.rate_hz / n * shape.threshold * lines)
-
-
 def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
     """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0."""
     return sum_of_mean_signs(v, [(v_s, 1.0)])
@@ -144,9 +136,9 @@ def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> Fl
     By the integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
     """
     speed = np.abs(v)
-    slow = speed <= _SATURATED * max(v_s for v_s, _ in signs)
+    slow = speed <= 12.0 * max(v_s for v_s, _ in signs)  # beyond, tanh is 1 to 1e-10
     negative = np.signbit(v)
-    found = np.copysign(sum(level for _, level in signs), v[:-1])
+    total = np.copysign(sum(level for _, level in signs), v[:-1])
     turning = np.flatnonzero(slow[:-1] | slow[1:] | (negative[:-1] != negative[1:]))
     # Neighbouring cells share a point, where the integral is found once.
     before = np.arange(len(turning)) + np.cumsum(np.diff(turning, prepend=turning[:1]) > 1)
@@ -156,12 +148,12 @@ def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> Fl
     small = np.abs(step) <= 1e-6 * (speed[turning] + speed[turning + 1])
     middle = (v[turning] + v[turning + 1])[small] / 2
     step[small] = 1.0
-    found[turning] = 0.0
+    total[turning] = 0.0
     for v_s, level in signs:
         integral = speed[points]
         if v_s > 0:
             integral += v_s * np.log1p(np.exp(-2 / v_s * integral))
         mean = (integral[before + 1] - integral[before]) / step
         mean[small] = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
-        found[turning] += level * mean
-    return np.asarray(found)
+        total[turning] += level * mean
+    return np.asarray(total)

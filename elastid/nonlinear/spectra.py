@@ -20,12 +20,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Record
 
-# So many lines of a configuration, evenly taken, give the levels as well as all.
-_MAX_LINES = 400
-# G is interpolated between two lines where it changes by at most this part.
-_MAX_CHANGE = 0.3
-# Singular values of the torques below this part of the largest are none.
-_MIN_SINGULAR = 1e-9
+_MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
 
 
 @dataclass(frozen=True)
@@ -34,7 +29,7 @@ class Net:
 
     e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
     experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
-    say something of f.
+    constrain f.
     """
 
     e: ComplexArray
@@ -119,7 +114,9 @@ def gather_configuration(
     """
     first = records[0]
     known = lines_are_known(spec, planned)
-    spectra = [RecordSpectra(each) if known else RecordSpectra(each).with_driver() for each in records]
+    spectra = [
+        RecordSpectra(used_spectra) if known else RecordSpectra(used_spectra).with_driver() for used_spectra in records
+    ]
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
@@ -128,18 +125,20 @@ def gather_configuration(
     U, Y, Phi = [], [], []
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
     for logged in spectra:
-        each, motions = _with_motions(logged, places, friction)
-        found = period_spectra(each, lines, spec.quantity)
-        kept = trusted(found.on(is_excited), spec).periods if len(found.periods) > 1 else found.periods
-        used = found.only(kept)
+        used_spectra, motions = _with_motions(logged, places, friction)
+        periods = period_spectra(used_spectra, lines, spec.quantity)
+        trusted_periods = trusted(periods.on(is_excited), spec).periods if len(periods.periods) > 1 else periods.periods
+        used = periods.only(trusted_periods)
         Y.append(used.Y.mean(axis=0)[:, columns])
         U.append(used.U.mean(axis=0))
         # A last half period without its other half is no part of the motion.
-        whole = kept[kept < each.record.n_periods * first.period_samples // first.repeat_samples]
+        complete = trusted_periods[
+            trusted_periods < used_spectra.record.n_periods * first.period_samples // first.repeat_samples
+        ]
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         for place, motion in motions.items():
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            Phi[-1][:, own] = amplitudes(each.record, motion, [shapes[i] for i in own], whole, lines).T
+            Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
     return ConfigurationSpectra(
         lines=lines,
         freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),
@@ -183,14 +182,14 @@ def _has_full_rank(spectra: ComplexArray) -> bool:
 
 
 def _some(lines: IntArray) -> IntArray:
-    """At most _MAX_LINES of the lines, evenly taken, the first and the last among them."""
-    if len(lines) <= _MAX_LINES:
+    """At most 400 of the lines, which give the levels as well as all, evenly taken, with the first and the last."""
+    if len(lines) <= 400:
         return lines
-    return lines[np.linspace(0, len(lines) - 1, _MAX_LINES).round().astype(np.int64)]
+    return lines[np.linspace(0, len(lines) - 1, 400).round().astype(np.int64)]
 
 
-def _smooth(at: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
-    """True where G (F, n_m, n_m) changes little between the lines (F,) on both sides of `at` (K,)."""
-    right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
+def _smooth(wanted: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
+    """True where G (F, n_m, n_m) changes by at most 0.3 between the lines (F,) on both sides of lines `wanted` (K,)."""
+    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
     change = np.linalg.norm(G[right] - G[right - 1], axis=(1, 2))
-    return np.asarray(change < _MAX_CHANGE * np.linalg.norm(G[right], axis=(1, 2)))
+    return np.asarray(change < 0.3 * np.linalg.norm(G[right], axis=(1, 2)))

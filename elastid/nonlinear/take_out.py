@@ -1,6 +1,6 @@
 r"""Responses of records with the friction of the motors taken out, and the errors that its levels leave in them.
 
-Levels that are off by df leave their torque in U, and so in all configurations alike, at the lines of Phi
+Levels that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
 
 .. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
 
@@ -28,10 +28,8 @@ from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 
-# Errors of the levels that are smaller than this part of the largest are left out.
-_MIN_ERROR = 1e-4
-# Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on
-# distortion that no motor's friction explains is warned of.
+# Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a note
+# warns of distortion that no motor's friction explains; false-alarm rate: not measured.
 _MIN_DISTORTION = 10.0
 
 
@@ -61,8 +59,8 @@ def estimate_without_friction(
 
 def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tuple[Note, ...]:
     """A note where distortion far above the noise was not found to be friction of some motors."""
-    others = [place for place in friction.places if place not in friction.taken_places()]
-    if not others or not friction.configurations or response.noise is None or response.total is None:
+    motors_left = [place for place in friction.places if place not in friction.taken_places()]
+    if not motors_left or not friction.configurations or response.noise is None or response.total is None:
         return ()
     known = response.noise.variance > 0
     if not known.any():
@@ -70,7 +68,7 @@ def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tup
     ratio = float(np.median(response.total.variance[known] / response.noise.variance[known]))
     if ratio < _MIN_DISTORTION:
         return ()
-    motors = ", ".join(others)
+    motors = ", ".join(motors_left)
     text = (
         f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of {motors} "
         "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
@@ -90,23 +88,23 @@ def _level_errors(
     """delta G (n_b, n_u, F, n_y, n_u) by the levels of each motor, their largest errors first."""
     places, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
-    data = gather_configuration([on_shafts(each, E) for each in records], friction.shapes, spec, planned_lines)
+    data = gather_configuration([on_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
     motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
     on = data.excited
     pseudo = np.linalg.pinv((data.U - taken(friction.levels, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(coupling.T)
-    at = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
+    lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
-    errors = np.zeros((max(each.shape[1] for each in factors), n_u, *response.G.shape), complex)
+    errors = np.zeros((max(record.shape[1] for record in factors), n_u, *response.G.shape), complex)
     for j, L in enumerate(factors):
-        rows = interpolated(at, data.lines[on], np.einsum("fik,ib->fbk", data.Phi[on], L) @ pseudo)
+        rows = interpolated(lines, data.lines[on], np.einsum("fik,ib->fbk", data.Phi[on], L) @ pseudo)
         errors[: L.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 
 
 def _factors(C: FloatArray) -> FloatArray:
-    """L (n, n_b) of C = L L^T (n, n), largest columns first."""
+    """L (n, n_b) of C = L L^T (n, n), largest columns first, without those below 1e-4 of the largest."""
     power, V = np.linalg.eigh(C)
-    large = np.flatnonzero(power > _MIN_ERROR**2 * power[-1])[::-1]
+    large = np.flatnonzero(power > 1e-4**2 * power[-1])[::-1]
     return np.asarray(V[:, large] * np.sqrt(power[large]))
 
 

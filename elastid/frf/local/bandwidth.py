@@ -1,4 +1,4 @@
-r"""Bandwidths of modes, and whether the windows of a local method are narrow enough for them.
+r"""Bandwidths of modes, compared with the windows of a local method.
 
 A polynomial follows G over a window narrower than the modal bandwidth 2 zeta f_0, and flattens peaks in a wider one.  A
 rational function of degree d follows d modes in a window however narrow they are.  Modes are the peaks of the response
@@ -16,9 +16,6 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 
-# Power of a peak over its variance (16 dB), so that noise alone does not halve it on both sides.
-_MIN_PEAK_SNR = 40.0
-
 
 @dataclass(frozen=True)
 class LocalModes:
@@ -35,33 +32,34 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> L
     """
     power = np.sum(np.abs(G) ** 2, axis=(1, 2))
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
-    found = []
-    for peak in peaks[power[peaks] > _MIN_PEAK_SNR * variance.sum(axis=(1, 2))[peaks]]:
+    modes = []
+    # 16 dB: noise alone does not halve such a peak on both sides.
+    for peak in peaks[power[peaks] > 40.0 * variance.sum(axis=(1, 2))[peaks]]:
         below = _half_power(freq_hz[peak::-1], power[peak::-1])
         above = _half_power(freq_hz[peak:], power[peak:])
         if below is not None and above is not None:
-            found.append((freq_hz[peak], above - below))
-    f_0, width = np.array(found).reshape(-1, 2).T
+            modes.append((freq_hz[peak], above - below))
+    f_0, width = np.array(modes).reshape(-1, 2).T
     return LocalModes(f_0, width)
 
 
-def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
+def wide_windows(modes: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
     """A note on modes for which windows of span_hz (F,) at freq_hz are too wide; poles: degree d, 0 for polynomials."""
-    span = np.interp(found.freq_hz, freq_hz, span_hz)
+    span = np.interp(modes.freq_hz, freq_hz, span_hz)
     if poles == 0:
-        wide = np.flatnonzero(span > found.bandwidth_hz)
+        wide = np.flatnonzero(span > modes.bandwidth_hz)
         if wide.size == 0:
             return []
-        worst = wide[np.argmax(span[wide] / found.bandwidth_hz[wide])]
+        worst = wide[np.argmax(span[wide] / modes.bandwidth_hz[wide])]
         return [
             Note(
                 "wide-windows",
                 f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz "
-                f"at {found.freq_hz[worst]:.4g} Hz, where the mode is {found.bandwidth_hz[worst]:.3g} Hz wide; its "
+                f"at {modes.freq_hz[worst]:.4g} Hz, where the mode is {modes.bandwidth_hz[worst]:.3g} Hz wide; its "
                 "peak may be flattened: take method local_rational, a longer period or record, or more experiments",
             )
         ]
-    inside = np.array([np.sum(np.abs(found.freq_hz - f) <= s / 2) for f, s in zip(found.freq_hz, span, strict=True)])
+    inside = np.array([np.sum(np.abs(modes.freq_hz - f) <= s / 2) for f, s in zip(modes.freq_hz, span, strict=True)])
     crowded = np.flatnonzero(inside > poles)
     if crowded.size == 0:
         return []
@@ -69,7 +67,7 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
     return [
         Note(
             "crowded-window",
-            f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {found.freq_hz[worst]:.4g} Hz, which has "
+            f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {modes.freq_hz[worst]:.4g} Hz, which has "
             f"poles for {poles}; take a longer period or record, more experiments or a higher local_order",
         )
     ]

@@ -15,8 +15,7 @@ from elastid.frf.matrices import adjoint, power
 from elastid.frf.quality import relative_singular_values
 from elastid.response import Covariance, Levels, Quality
 
-# Condition of the regressors of a line, at most.
-_MAX_CONDITION = 1e9
+_MAX_CONDITION = 1e9  # of the regressors of a line
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class FittedResponse:
 
 
 def separates_inputs(fit: LocalFit, closed: bool, n_y: int) -> BoolArray:
-    """Flags (F,) of the lines where the fit tells the inputs apart."""
+    """Flags (F,) of the lines where the fit separates the inputs."""
     separate = fit.condition < _MAX_CONDITION
     if closed:
         separate &= _condition(fit.B[:, n_y:]) < _MAX_CONDITION
@@ -67,10 +66,13 @@ def fitted_response(
     poles = (M, fit.A_cov[usable])
     C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ adjoint(of_fit)
     total = _covariance(left, C_total, fit.dof, poles)
-    if not all(each.settled for each in spectra):
+    if not all(spectrum.settled for spectrum in spectra):
         return FittedResponse(G, None, total, B_u, left, C_total, None)
-    dof = sum(each.dof for each in spectra)
-    C_Z = np.sum([each.noise[usable] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
+    dof = sum(spectrum.dof for spectrum in spectra)
+    C_Z = np.sum(
+        [spectrum.noise[usable] * (spectrum.dof * spectrum.n_periods / dof) for spectrum in spectra],
+        axis=0,
+    )
     C_noise = N @ C_Z @ adjoint(N)
     # The part of cov(A) that noise explains, by its share in the total.
     share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
@@ -129,7 +131,7 @@ def local_quality(
     taken out, and what else the residual has once; else the residual is the noise, and none is known of the inputs.
     """
     G, n_y = fitted.G, fitted.G.shape[1]
-    periods = np.array([each.n_periods for each in spectra])
+    periods = np.array([spectrum.n_periods for spectrum in spectra])
     S_uu = fitted.B_u @ S_rr @ adjoint(fitted.B_u) / periods.sum()
     C_V, noise = power(fitted.C_total), np.zeros(S_uu.shape[:2])
     output_noise = C_V

@@ -19,7 +19,7 @@ class Windows:
     offset: FloatArray
     span: IntArray
 
-    def at(self, lines: slice) -> Windows:
+    def on(self, lines: slice) -> Windows:
         """The windows of some lines."""
         return Windows(self.index[lines], self.offset[lines], self.span[lines])
 
@@ -74,16 +74,8 @@ class WindowTerms:
         return max(n_w, self.order + self.poles + 1 + self.transient_columns)
 
 
-# Iterations of the denominator; further ones change it by less than the noise does.
-_ITERATIONS = 4
-# |A| in the weights is at least this part of its maximum before the last iteration (and in it): a pole that moves onto
-# a bin would otherwise take all weight from the others.
-_MIN_A = 0.1
-_MIN_LAST_A = 1e-12
 # Powers of r times Z that the other terms explain up to this part do not determine A.
 _ROUNDING = 1e-11
-# Outputs have the weight of their residual, which is at least this part of the output.
-_MIN_RESIDUAL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -143,13 +135,14 @@ def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTer
 def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
     """A from rows weighted by 1 / |A| of the iteration before, then B and T with A as it is; powers (f, d, rows)."""
     X = powers[..., None] * Z[:, None]
-    iterations = _ITERATIONS if powers.shape[1] else 0
+    iterations = 4 if powers.shape[1] else 0  # further ones change the denominator by less than the noise does
     a = np.zeros(powers.shape[:2], dtype=np.complex128)
-    V, least = Z, _MIN_RESIDUAL * _rms(Z)
+    V, least = Z, 1e-9 * _rms(Z)
     for iteration in range(iterations + 1):
         scale = np.maximum(_rms(V), least)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
-        floor = _MIN_A if iteration < iterations else _MIN_LAST_A
+        # A pole that moves onto a bin would otherwise take all weight from the others.
+        floor = 0.1 if iteration < iterations else 1e-12
         w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X

@@ -1,4 +1,4 @@
-"""The local regression at every line and the transient that it finds; repeats of one excitation as one experiment."""
+"""The local regression at every line and its transient; repeats of one excitation as one experiment."""
 
 from __future__ import annotations
 
@@ -10,19 +10,33 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.local.least_squares import LocalFit, Windows, WindowTerms, fit_block, windows
-from elastid.record import MOTION_ORDER, Motion, Record
+from elastid.frf.spectra import unit_scale
+from elastid.record import Motion, Record
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
-# A model replaces a simpler one where dof ln(residual power of that / its own) exceeds this in an output; poles that
-# fit mere noise exceed it once in 100 lines.
-_MIN_LOG_GAIN = 9.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the local regression."""
+
+    # A model replaces a simpler one where dof ln(residual power of that / its own) exceeds this in an output; false
+    # alarms, poles that fit mere noise: one in 100 lines.
+    log_gain: float = 9.0
+    # Inputs that differ by less than this part, after the best gain, are repeats; false-alarm rate: not measured.
+    difference: float = 0.2
+    # Correlation of two inputs within a window from which on they count as one excitation; random phases have 0.3.
+    correlation: float = 0.5
+
+
+LIMITS = Limits()
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
 @dataclass(frozen=True)
 class LadderFit:
-    """The fit of the model that each line takes, those of all models at all lines, and taken (F,): which it is."""
+    """The fit of the model that each line takes, those of all models at all lines, and taken (F,): its index."""
 
     chosen: LocalFit
     models: tuple[LocalFit, ...]
@@ -40,7 +54,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
     power, taken = _power(chosen), np.zeros(len(where.index), dtype=np.int64)
     for i, fit in enumerate(fits[1:], 1):
-        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > _MIN_LOG_GAIN
+        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LIMITS.log_gain
         power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
         chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
     return LadderFit(chosen, fits, taken)
@@ -77,15 +91,12 @@ def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTe
     F, n_w = where.index.shape
     numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)
     step = max(1, _BLOCK_NUMBERS // numbers)
-    fits = [fit_block(Z, R, where.at(slice(i, i + step)), terms) for i in range(0, F, step)]
+    fits = [fit_block(Z, R, where.on(slice(i, i + step)), terms) for i in range(0, F, step)]
     return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
 
 
-# Degrees of freedom of the noise estimate beyond the number of outputs.
-_DOF_MARGIN = 5
 # Degree of the transient's numerator and denominator.
-_ORDER = 2
-_POLES = 2
+_ORDER, _POLES = 2, 2
 
 
 @dataclass(frozen=True)
@@ -134,16 +145,9 @@ def _whole_spectra(record: Record, quantity: Motion, dropped: int) -> tuple[Comp
     used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
     n = used.stop - used.start
     freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
-    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
+    Y, U, R = (None if x is None else rfft(x[used], axis=0) * (2 / n) for x in (record.y, record.u, record.r))
     with np.errstate(divide="ignore", invalid="ignore"):
-        Y = _spectra(record.y[used]) * (2j * np.pi * freq_hz[:, None]) ** order
-    hold = record.hold_response(freq_hz)
-    R = None if record.r is None else _spectra(record.r[used])
-    return np.concatenate([Y, _spectra(record.u[used]) * hold], axis=1), R
-
-
-def _spectra(signals: FloatArray) -> ComplexArray:
-    return np.asarray(rfft(signals, axis=0) * (2 / len(signals)))
+        return np.concatenate([Y, U], axis=1) * unit_scale(record, freq_hz, quantity), R
 
 
 def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
@@ -155,14 +159,9 @@ def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
 def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,)."""
     ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
-    where = windows(rest, bins, ladder[-1].width(n_y + _DOF_MARGIN, 1, Z.shape[1]))
+    # The noise estimate has five degrees of freedom more than there are outputs.
+    where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
     return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
-
-
-# Inputs that differ by less than this part, after the best gain, are repeats.
-_MAX_DIFFERENCE = 0.2
-# Correlation of two inputs within a window from which on they count as one excitation; random phases have 0.3.
-_MAX_CORRELATION = 0.5
 
 
 def independent_excitations(R: ComplexArray, n_w: int) -> int:
@@ -178,7 +177,7 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
     leaders: list[int] = []
     for e in range(E):
-        if all(correlation[e, leader] < _MAX_CORRELATION for leader in leaders):
+        if all(correlation[e, leader] < LIMITS.correlation for leader in leaders):
             leaders.append(e)
     return len(leaders)
 
@@ -189,12 +188,12 @@ def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[Settl
     closed: the reference excites; otherwise the inputs do.
     """
     groups: list[list[SettledSpectra]] = []
-    for each in spectra:
-        own = next((g for g in groups if _gain(_driver(g[0], closed), _driver(each, closed)) is not None), None)
+    for spectrum in spectra:
+        own = next((g for g in groups if _gain(_driver(g[0], closed), _driver(spectrum, closed)) is not None), None)
         if own is None:
-            groups.append([each])
+            groups.append([spectrum])
         else:
-            own.append(each)
+            own.append(spectrum)
     return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
 
 
@@ -202,28 +201,27 @@ def _driver(spectra: SettledSpectra, closed: bool) -> ComplexArray:
     return spectra.R if closed and spectra.R is not None else spectra.U
 
 
-def _gain(of: ComplexArray, other: ComplexArray) -> float | None:
+def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     """c with other = c of up to a small difference, both (F, n_u); None where there is none."""
-    power, own = np.sum(np.abs(of) ** 2), np.sum(np.abs(other) ** 2)
+    power, own = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
     if power == 0 or own == 0:
         return None
-    c = float(np.sum(of.conj() * other).real / power)
-    return c if np.sum(np.abs(other - c * of) ** 2) < _MAX_DIFFERENCE**2 * own else None
+    c = float(np.sum(R.conj() * R_other).real / power)
+    return c if np.sum(np.abs(R_other - c * R) ** 2) < LIMITS.difference**2 * own else None
 
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
     """The combination of records with proportional inputs that has all of the input."""
-    gains = [_gain(_driver(group[0], closed), _driver(each, closed)) or 1.0 for each in group]
-    pairs = [(each.n_periods * c, each) for c, each in zip(gains, group, strict=True)]
+    gains = [_gain(_driver(group[0], closed), _driver(spectrum, closed)) or 1.0 for spectrum in group]
+    pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
-    known = [weight * each.R for weight, each in pairs if each.R is not None]
-    dof = sum(each.dof for each in group)
+    known = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]
     return SettledSpectra(
-        Y=np.sum([weight * each.Y for weight, each in pairs], axis=0) / total,
-        U=np.sum([weight * each.U for weight, each in pairs], axis=0) / total,
+        Y=np.sum([weight * spectrum.Y for weight, spectrum in pairs], axis=0) / total,
+        U=np.sum([weight * spectrum.U for weight, spectrum in pairs], axis=0) / total,
         R=np.sum(known, axis=0) / total if len(known) == len(group) else None,
         n_periods=total,
-        settled=all(each.settled for each in group),
-        noise=np.sum([weight**2 * each.noise for weight, each in pairs], axis=0) / total**2,
-        dof=dof,
+        settled=all(spectrum.settled for spectrum in group),
+        noise=np.sum([weight**2 * spectrum.noise for weight, spectrum in pairs], axis=0) / total**2,
+        dof=sum(spectrum.dof for spectrum in group),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,15 +24,27 @@ from elastid.frf.local.regression import (
     settled_spectra,
 )
 from elastid.frf.matrices import power
-from elastid.frf.measured_response import measured_response
+from elastid.frf.quality import measured_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
 
-# Lines that are averaged, and the mean ratio above which a difference is more than noise.
-_LINES = 11
-_MIN_RATIO = 1.5
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the local methods; false-alarm rates: not measured."""
+
+    lines: int = 11  # over which a difference to a richer model is averaged
+    ratio: float = 1.5  # of its mean square to its variance, above which a difference is more than noise
+    variance_ratio: float = 400.0  # a richer model of a variance so many times that of G shows no error of G
+    dof: int = 6  # of a useful variance, at least: its standard deviation is then 40 %
+    margin_dof: int = 2  # beyond the number of outputs
+    input_snr: float = 10.0  # power of an excited input over its noise (10 dB),
+    excited_share: float = 0.05  # at this part of the lines at least
+
+
+LIMITS = Limits()
 
 
 def with_model_error(
@@ -40,15 +52,15 @@ def with_model_error(
 ) -> Covariance:
     """The covariance of G with its model error, from its differences (F, n_y, n_u) to richer models of these variances.
 
-    A difference of 0 says nothing.  Outputs are widened as a whole, by the mean over their inputs, so that their
-    correlations stay.
+    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
+    their correlations stay.
     """
     error = np.zeros(covariance.variance.shape)
     for difference, variance in zip(differences, variances, strict=True):
         both = covariance.variance + variance
         ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
         g = _local_mean(ratio)
-        error = np.maximum(error, np.where(g > _MIN_RATIO, (g - 1) * both, 0.0))
+        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
     relative = np.divide(error, covariance.variance, out=np.zeros(error.shape), where=covariance.variance > 0)
     factor = np.sqrt(1 + relative.mean(axis=2))
     right = None if covariance.right is None else factor[:, :, None] * covariance.right * factor[:, None, :]
@@ -59,23 +71,9 @@ def _local_mean(x: FloatArray) -> FloatArray:
     """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
     F = len(x)
     total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
-    first = np.maximum(np.arange(F) - _LINES // 2, 0)
-    last = np.minimum(np.arange(F) + _LINES // 2 + 1, F)
+    first = np.maximum(np.arange(F) - LIMITS.lines // 2, 0)
+    last = np.minimum(np.arange(F) + LIMITS.lines // 2 + 1, F)
     return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
-
-
-# Degrees of freedom of a useful variance, at least: its standard deviation is then 40 %.
-_MIN_DOF = 6
-# Degrees of freedom beyond the number of outputs.
-_MARGIN_DOF = 2
-# Errors of G are correlated over this share of a window: 1 / (n sum w^2) of a local quadratic is 4/9, with more
-# parameters less.
-_CORRELATED_SHARE = 4 / 9
-# A richer model shows no error of G if its variance is larger than that of G by more than this factor.
-_MAX_VARIANCE_RATIO = 400.0
-# An excited input is so far above its noise (power, 10 dB) at this part of the lines at least.
-_MIN_INPUT_SNR = 10.0
-_MIN_EXCITED_SHARE = 0.05
 
 
 def local_response(
@@ -84,7 +82,7 @@ def local_response(
     """G (F, n_y, n_u) of one configuration with its covariances and quality, from one experiment of all inputs or more.
 
     Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the
-    spec are left out in any case.  noise is None where only the excited lines are there.
+    spec are left out in any case.  noise is None where there are only excited lines.
 
     Raises DataError where the lines are too few or the experiments do not separate the inputs.
     """
@@ -95,19 +93,25 @@ def local_response(
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, all_lines, spec.quantity, dropped) for record in records]
     _refuse_dead_inputs(first, spectra)
-    closed = all(each.R is not None for each in spectra)
+    closed = all(spectrum.R is not None for spectrum in spectra)
     spectra, repeated = merge_repeats(spectra, closed), len(spectra)
-    ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
+    ladder = _ladder(spec, len(first.inputs), transient=not all(spectrum.settled for spectrum in spectra))
     Z, R = _signals(spectra, closed)
     where = _windows(all_lines, ladder[-1], spec, first, (Z, R))
-    found = fit_ladder(Z, R, where, ladder)
-    fit = found.chosen
-    usable = _usable_lines(fit, closed, spec, first)
+    fits = fit_ladder(Z, R, where, ladder)
+    fit = fits.chosen
+    usable = separates_inputs(fit, closed, len(first.outputs))
+    if not usable.any():
+        raise DataError(
+            f"configuration {first.configuration.name}: {spec.method} cannot separate the {len(first.inputs)} inputs "
+            f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
+            "each its own random phases"
+        )
     lines = all_lines[_every(_step(spec, first))]
     of_lines = fitted_response(fit, spectra, closed, usable)
     G, total = of_lines.G, of_lines.total
     if ladder[-1].transient:
-        richer = _richer_models(found, all_lines, (Z, R), spec, first)
+        richer = _richer_models(fits, all_lines, (Z, R), spec, first)
         total = _with_model_error(G, total, richer, spectra, closed, usable)
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
     notes = [note for record in records for note in record.notes]
@@ -120,29 +124,31 @@ def local_response(
             "whose inputs are the same up to a gain, are averaged first and count as one experiment"
         )
         notes.append(Note("repeats-averaged", text, severity="information"))
-    notes.append(_method_note(spec, ladder[-1], where, span_hz, fit, first))
+    unit = "Hz" if first.rate_is_known else "of the sampling rate"
+    text = (
+        f"{spec.method} of order {ladder[-1].order} in windows of {where.index.shape[1]} lines "
+        f"({np.median(span_hz):.3g} {unit}), {fit.dof:.3g} degrees of freedom"
+    )
+    notes.append(Note("local-method", text, severity="information"))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
     quality = local_quality(freq_hz, of_lines, spectra, window_power(R, where)[usable])
     response = measured_response(
         first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
     )
-    together = _CORRELATED_SHARE * where.index.shape[1] / _step(spec, first)
+    # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
+    together = 4 / 9 * where.index.shape[1] / _step(spec, first)
     return replace(response, correlated_lines=max(1.0, together))
 
 
 def _richer_models(
-    found: LadderFit,
-    lines: IntArray,
-    signals: tuple[ComplexArray, ComplexArray],
-    spec: EstimatorSpec,
-    first: Record,
+    fits: LadderFit, lines: IntArray, signals: tuple[ComplexArray, ComplexArray], spec: EstimatorSpec, first: Record
 ) -> list[tuple[LocalFit, BoolArray]]:
     """Fits with more poles than those taken, each with the lines (F,) where it has more.
 
     For a polynomial that is the rational fit as `auto` would take it; none where lines are too few for its windows.
     """
     if spec.method == "local_rational":
-        return [(model, found.taken < i) for i, model in enumerate(found.models) if i]
+        return [(model, fits.taken < i) for i, model in enumerate(fits.models) if i]
     rational = replace(spec, method="local_rational", local_order="auto")
     ladder = _ladder(rational, len(first.inputs), transient=True)
     try:
@@ -170,9 +176,9 @@ def _with_model_error(
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
         difference[compared[usable]] = G[compared[usable]] - other.G
         variance[compared[usable]] = other.total.variance
-        tells = variance <= _MAX_VARIANCE_RATIO * total.variance
-        differences.append(np.where(tells, difference, 0.0))
-        variances.append(np.where(tells, variance, 0.0))
+        is_informative = variance <= LIMITS.variance_ratio * total.variance
+        differences.append(np.where(is_informative, difference, 0.0))
+        variances.append(np.where(is_informative, variance, 0.0))
     return with_model_error(total, differences, variances)
 
 
@@ -181,10 +187,10 @@ def _windows(
 ) -> Windows:
     """The windows around the lines (F,) for Z (E, F, n_z) and R (E, F, n_u); DataError where there are too few lines.
 
-    Where each experiment has a transient of its own, only different excitations tell the response from it.
+    Where each experiment has a transient of its own, only different excitations separate the response from it.
     """
     Z, R = signals
-    dof = max(len(first.outputs) + _MARGIN_DOF, _MIN_DOF)
+    dof = max(len(first.outputs) + LIMITS.margin_dof, LIMITS.dof)
     E = independent_excitations(R, terms.width(dof, 1, Z.shape[2])) if terms.transient else len(Z)
     n_w = terms.width(dof, E, Z.shape[2])
     if n_w > len(lines):
@@ -208,29 +214,6 @@ def _every(step: int) -> slice:
     return slice((step - 1) // 2, None, step)
 
 
-def _usable_lines(fit: LocalFit, closed: bool, spec: EstimatorSpec, first: Record) -> BoolArray:
-    """Flags (F,) of the lines with separate inputs; DataError where there is none."""
-    usable = separates_inputs(fit, closed, len(first.outputs))
-    if not usable.any():
-        raise DataError(
-            f"configuration {first.configuration.name}: {spec.method} cannot separate the {len(first.inputs)} inputs "
-            f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
-            "each its own random phases"
-        )
-    return usable
-
-
-def _method_note(
-    spec: EstimatorSpec, terms: WindowTerms, where: Windows, span_hz: FloatArray, fit: LocalFit, first: Record
-) -> Note:
-    unit = "Hz" if first.rate_is_known else "of the sampling rate"
-    text = (
-        f"{spec.method} of order {terms.order} in windows of {where.index.shape[1]} lines ({np.median(span_hz):.3g} "
-        f"{unit}), {fit.dof:.3g} degrees of freedom"
-    )
-    return Note("local-method", text, severity="information")
-
-
 def _refuse_gaps(record: Record) -> None:
     """DataError for a record with periods that do not count: a local method takes it as one piece."""
     if record.left_out:
@@ -244,10 +227,10 @@ def _refuse_gaps(record: Record) -> None:
 def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> None:
     """DataError where an input stands out of its noise at too few lines, whatever the reference was."""
     n_y = len(first.outputs)
-    signal = np.sum([np.abs(each.U) ** 2 for each in spectra], axis=0)
-    noise = np.sum([power(each.noise)[:, n_y:] for each in spectra], axis=0)
-    clear = signal > _MIN_INPUT_SNR * noise
-    for i in np.flatnonzero(clear.mean(axis=0) < _MIN_EXCITED_SHARE):
+    signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
+    noise = np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
+    clear = signal > LIMITS.input_snr * noise
+    for i in np.flatnonzero(clear.mean(axis=0) < LIMITS.excited_share):
         raise DataError(
             f"configuration {first.configuration.name}: input {first.inputs[i]} is 10 dB above its noise at "
             f"{int(clear[:, i].sum())} of {len(clear)} lines only: it was not excited, so that its column of G cannot "
@@ -268,8 +251,8 @@ def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]
 def _signals(spectra: Sequence[SettledSpectra], closed: bool) -> tuple[ComplexArray, ComplexArray]:
     """Z (E, F, n_z) and R (E, F, n_u), each record times sqrt(P): then noise is that of one period in all of them."""
     Z, R = [], []
-    for each in spectra:
-        weight = np.sqrt(each.n_periods)
-        Z.append(weight * (np.concatenate([each.Y, each.U], axis=1) if each.R is not None and closed else each.Y))
-        R.append(weight * (each.R if each.R is not None and closed else each.U))
+    for spectrum in spectra:
+        weight, Y, U = np.sqrt(spectrum.n_periods), spectrum.Y, spectrum.U
+        Z.append(weight * (Y if not closed or spectrum.R is None else np.concatenate([Y, U], axis=1)))
+        R.append(weight * (U if not closed or spectrum.R is None else spectrum.R))
     return np.stack(Z), np.stack(R)

@@ -18,7 +18,6 @@ from elastid.base.errors import DataError
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local import regression
-from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.least_squares import WindowTerms, windows
 from elastid.frf.local.regression import fit_ladder, settled_spectra
 from elastid.frf.local.response import local_response
@@ -82,23 +81,6 @@ def _modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarr
         omega = 2 * np.pi * f
         G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
     return G
-
-
-@given(count=st.integers(3, 60), n_w=st.integers(1, 40), line=st.integers(0, 200), seed=st.integers(0, 10**6))
-@settings(deadline=None, max_examples=50)
-def test_a_window_is_of_neighbours_and_holds_its_line_in_the_middle_or_at_an_end_of_the_band(
-    count: int, n_w: int, line: int, seed: int
-) -> None:
-    """On any grid: contiguous, n_w of them, offsets within [-1, 1]; off centre only against an end."""
-    available = np.sort(np.random.default_rng(seed).permutation(200)[:count])
-    window = windows(available, np.array([line]), n_w)
-    index = window.index[0]
-    assert len(index) == min(n_w, count)
-    assert np.all(np.diff(index) == 1)
-    assert np.abs(window.offset).max() <= 1
-    below, above = np.sum(available[index] < line), np.sum(available[index] > line)
-    if index[0] > 0 and index[-1] < count - 1:
-        assert abs(below - above) <= 1
 
 
 @pytest.mark.parametrize("P", [1, 2, 3])
@@ -322,28 +304,6 @@ def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatc
     whole = local_response([taken], LRM)
     monkeypatch.setattr(regression, "_BLOCK_NUMBERS", 1)
     np.testing.assert_allclose(local_response([taken], LRM).G, whole.G, rtol=1e-9)
-
-
-def test_modes_are_found_with_their_bandwidth() -> None:
-    """2 zeta f_0 of two modes to 3 %, on a fine grid."""
-    freq_hz = np.linspace(20, 120, 4001)
-    G = _modes(freq_hz, np.eye(2))
-    found = local_modes(freq_hz, G, np.zeros(G.shape))
-    np.testing.assert_allclose(found.freq_hz, [45, 80], rtol=5e-3)
-    np.testing.assert_allclose(found.bandwidth_hz, 2 * 0.02 * found.freq_hz, rtol=0.03)
-    assert len(local_modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100)).freq_hz) == 0
-
-
-def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
-    """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
-    G = _modes(FREQ, np.eye(2), zeta=0.05)
-    found = local_modes(FREQ, G, np.zeros(G.shape))
-    span = np.full(len(FREQ), 9.0)
-    (word,) = wide_windows(found, FREQ, span, poles=0)
-    assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word.text
-    assert wide_windows(found, FREQ, span / 3, poles=0) == []
-    assert wide_windows(found, FREQ, span, poles=2) == []
-    assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0].text
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:
