@@ -1,4 +1,7 @@
-"""The drivetrain on the link side: motors, gears, springs and dampers as energies, inertial coupling of rotors."""
+"""The drivetrain on the link side: motors, gears, springs and dampers as energies, inertial coupling of rotors.
+
+Of a single elastic gear the torque of eq. (2.8a) of Niglis & Oberg (2015).
+"""
 
 from __future__ import annotations
 
@@ -115,7 +118,7 @@ def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> t
     """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), compliances added."""
     X, to_q, K_a = ca.DM(box.X), ca.DM(delta), _series_stiffness(box, theta)
     slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
-    losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))
+    losses = sum((slow * X[:, s] @ X[:, s].T for s, slow in enumerate(slowness)), start=ca.SX(0))
     return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
 
 

@@ -91,10 +91,6 @@ def require_not_negative(name: str, value: float) -> None:
         raise ValueError(f"{name} is {value:g}; it must not be negative")
 
 
-# A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
-# the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
-MAX_DAMPING_VELOCITY_RATIO = 4 * math.sqrt(2 * math.e)
-
 # Of the Stribeck curve: published ones lie between 0.5 and 2.
 EXPONENT_RANGE = (0.3, 4.0)
 
@@ -191,13 +187,11 @@ class MeasuredRange:
             ends = getattr(self, name)
             if ends is not None and not ends[0] <= ends[1]:
                 raise ValueError(f"measured: {name} is [{ends[0]:g}, {ends[1]:g}]; give [lowest, highest]")
-        for name in ("speed", "load"):
-            ends = getattr(self, name)
-            if ends is not None:
+            if ends is not None and name != "temperature":
                 require_not_negative(f"measured: {name}", ends[0])
 
     def beyond(self, name: str, lowest: float, highest: float) -> bool:
-        """Whether `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
+        """True if `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
         ends = getattr(self, name)
         if ends is None:
             return False
@@ -272,11 +266,11 @@ class Friction:
 
     @property
     def has_variable_stiction(self) -> bool:
-        """Whether load or temperature change F_s by other amounts than F_c, over nu_s."""
-        load = self.load if self.load is not None and self.load.stribeck_velocity is None else None
-        return (load is not None and load.of_stiction != load.coulomb) or (
-            self.temperature is not None and self.temperature.stiction != 0
-        )
+        """True if load or temperature change F_s by other amounts than F_c, over nu_s."""
+        load, temperature = self.load, self.temperature
+        if load is not None and load.stribeck_velocity is None and load.of_stiction != load.coulomb:
+            return True
+        return temperature is not None and temperature.stiction != 0
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
         """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
@@ -297,7 +291,9 @@ class Friction:
         if self.lugre is None or self.lugre.damping == 0:
             return
         speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
-        fastest = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
+        # A micro-damping that dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere; the
+        # left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
+        fastest = 4 * math.sqrt(2 * math.e) * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > fastest:
                 raise ValueError(
