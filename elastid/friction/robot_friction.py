@@ -102,13 +102,13 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
     laws = []
     for joint in robot.driven:
         motor = joint.motor
-        if motor is not None and motor.dry_friction is not None:
+        if motor is not None and (spec := motor.dry_friction) is not None:
             n = abs(motor.ratio)
-            spec = motor.dry_friction
             laws.append(PlacedLaw(f"motor {joint.name}", _law(spec, n), spec, n, reverses=motor.ratio < 0))
     for joint in robot.joints:
-        if (spec := joint.friction) is not None:
-            laws.append(PlacedLaw(f"joint {joint.name}", _law(spec, 1.0), spec, 1.0, joint.slides))
+        if joint.friction is not None:
+            law = _law(joint.friction, 1.0)
+            laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
     return tuple(laws)
 
 

@@ -1,6 +1,22 @@
-"""Static friction laws over velocity, load and temperature, and the terms that they are sums of.
+r"""Static friction laws over velocity, load and temperature, and the terms that they are sums of.
 
-Tustin's law with the Stribeck curve: Niglis & Oberg (2015), eq. (2.15).
+.. math:: \tau_f = F_c \tanh(v / v_s)
+
+Coulomb's F_c sgn(v), smoothed over v_s: eq. (2.15) of Niglis & Oberg (2015) as v_s -> 0. The sign is that of the
+velocity, and the torque stands on the side of M q'' + f + tau_f = B u: friction brakes. Viscous friction is not here;
+it is linear and part of the model's force f. Tustin's law, eq. (2.17), has the Stribeck curve g(v) instead of F_c
+and may grow with v |v|.
+
+As a sum of columns, linear in most of its numbers:
+
+.. math::
+   s \tau_f = F_c + \delta_c s + F_{cl} L + F_{sl} L\, e(v / \nu_l)
+       + (D_s + D_{sT} \theta)\, e(v / (\nu_s + \nu_T \theta))
+       + (\alpha + \delta_v s) v + \alpha_T (e^{-\theta / T_V} - 1) v + \alpha_3 v^2, \quad e(x) = e^{-|x|^a}
+
+with s the direction, v = |v|, L the load and theta = T - T_0 (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh,
+LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named as in a robot's file; `excess` is D_s
+and `load.excess` F_sl, the excess of stiction over Coulomb friction.
 """
 
 from __future__ import annotations

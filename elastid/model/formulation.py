@@ -1,6 +1,7 @@
 r"""formulate(robot, spec): the equations of motion as a serial tree, constrained, or minimal.
 
-Constrained, Niglis & Oberg (2015), eq. (2.33): all coordinates of the open chain, the loops closed with multipliers.
+Serial, Niglis & Oberg (2015), eq. (2.10): the coordinates of a tree are independent; the extended flexible joint of eq.
+(2.12) is a further joint with a spring. Constrained, eq. (2.33): all coordinates of the open chain, with multipliers.
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 

@@ -1,4 +1,23 @@
-"""Nonlinear springs and gravity compensators: potentials, torques, deflection and stored energy in a small motion."""
+r"""Nonlinear springs and gravity compensators: potentials, torques, deflection and stored energy in a small motion.
+
+.. math:: V = \tfrac13 k_2 \Delta^3 + \tfrac13 k_{2s} |\Delta|^3 + \tfrac14 k_3 \Delta^4
+              - \tfrac12 (k - k_i) [F(\Delta + b) - F(\Delta - b) - 2 F(b)], \qquad
+          F(x) = \tfrac12 [x \sqrt{x^2 + e^2} + e^2 \,\mathrm{arsinh}(x / e)]
+
+with F' = sqrt(x^2 + e^2), so that the last term takes the torque of the gap from a linear spring. The torque
+is written out rather than differentiated: a simulation evaluates it at every step. Law and names: `robot.spring`;
+the polynomial: Niglis & Oberg (2015), eq. (2.13).
+
+A compensator at the distance L between its two points has the potential
+
+.. math:: V_{coil} = \tfrac12 k_c (L - L_0)^2, \qquad
+          V_{gas} = F_0 h_0 \int_0^1 \ell\, e^{(\kappa - 1) \ell t}\, dt, \quad \ell = \ln (h_0 / h), \quad
+          h = h_0 + s (L - L_0)
+
+Their torque -dV/dq is tau_g of Niglis & Oberg (2015), eq. (2.32). s = 1 for a strut that pushes, -1 for a cylinder that
+draws; the integral is [(h_0 / h)^(kappa - 1) - 1] / (kappa - 1), which is 0 / 0 at kappa = 1. dV/dq = (dV/dL) / (2 L)
+d(L^2)/dq is written out: a simulation evaluates it at every step.
+"""
 
 from __future__ import annotations
 

@@ -91,6 +91,10 @@ def require_not_negative(name: str, value: float) -> None:
         raise ValueError(f"{name} is {value:g}; it must not be negative")
 
 
+# A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
+# the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
+MAX_DAMPING_VELOCITY_RATIO = 4 * math.sqrt(2 * math.e)
+
 # Of the Stribeck curve: published ones lie between 0.5 and 2.
 EXPONENT_RANGE = (0.3, 4.0)
 
@@ -291,9 +295,7 @@ class Friction:
         if self.lugre is None or self.lugre.damping == 0:
             return
         speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
-        # A micro-damping that dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere; the
-        # left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
-        fastest = 4 * math.sqrt(2 * math.e) * self.coulomb / self.lugre.damping
+        fastest = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > fastest:
                 raise ValueError(

@@ -70,8 +70,9 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
         return None if joint.motor is None else replace(_with_motor(joint, spring=None), spring=None)
 
     def stiff(loop: Loop) -> Loop:
-        has_spring = loop.name in names and loop.rod is not None
-        return replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0)) if has_spring else loop
+        if loop.rod is None or loop.name not in names:
+            return loop
+        return replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0))
 
     try:
         return replace(_with_joints(robot, rigid), loops=tuple(map(stiff, robot.loops)))

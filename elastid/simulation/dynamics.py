@@ -1,4 +1,9 @@
-"""Accelerations of an elastic model, and their integration together with the stacked states of its friction."""
+r"""Accelerations of an elastic model, and their integration together with the stacked states of its friction.
+
+.. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
+
+Niglis & Oberg (2015), eqs. (2.10), (2.14); with constraints: `baumgarte`. Link side, SI.
+"""
 
 from __future__ import annotations
 

@@ -133,9 +133,9 @@ def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[R
     groups = []
     for count in sorted({len(terms) for terms in parts.values()}):
         members = [place for place, terms in parts.items() if len(terms) == count]
-        power = np.array([[power for power, _ in parts[place]] for place in members])
-        sigma = np.array([[sigma for _, sigma in parts[place]] for place in members])
-        groups.append(RankOneTerms(np.array(members), power, sigma, np.array([rows[place] for place in members])))
+        powers = np.array([[power for power, _ in parts[place]] for place in members])
+        sigmas = np.array([[sigma for _, sigma in parts[place]] for place in members])
+        groups.append(RankOneTerms(np.array(members), powers, sigmas, np.array([rows[place] for place in members])))
     return stacked[first].T, tuple(groups)
 
 
