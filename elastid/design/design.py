@@ -25,7 +25,7 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.model.elastic import ElasticModel
-from elastid.model.springs import deflections, tangents_at
+from elastid.model.springs import deflections, tangents
 from elastid.record import Configuration
 
 # Relative change of the tangent stiffness by the amplitude that is not reported.
@@ -93,7 +93,7 @@ def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:
     """Tangent stiffness (n_s,) at deflections (n_s,) and parameters (n_theta,)."""
     deflection, theta = ca.SX.sym("deflection", len(joints)), ca.SX.sym("theta", len(model.parameters))
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
-    found = tangents_at(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
+    found = tangents(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
     return ca.Function("tangents", [deflection, theta], [ca.vertcat(*found.values())])
 
 

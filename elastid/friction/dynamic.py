@@ -22,10 +22,6 @@ import numpy as np
 
 from elastid.friction.law import Curve, Expression, exponential_step, is_absent
 
-# z / zbar from which an element of the smooth Maxwell slip begins to slip; at 1 it slips altogether, so that steady
-# sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and stays wrong by 3 to 5 %.)
-SLIP_ONSET = 0.9
-
 
 @dataclass(frozen=True)
 class Bristle:
@@ -74,6 +70,10 @@ class MaxwellElements:
     sigma_1: tuple[float, ...]
     C: float
 
+    def at_rest(self) -> tuple[float, float]:
+        """All elements stick."""
+        return sum(self.sigma_0), sum(self.sigma_1)
+
     def bounds(self, v: Expression, curve: Curve) -> ca.SX:
         """zbar (n,) > 0 at v: where the elements slip."""
         return ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
@@ -81,10 +81,6 @@ class MaxwellElements:
     def torque(self, v: Expression, z: ca.SX, rate: ca.SX, curve: Curve) -> ca.SX:
         """Of deflections and rates (n,)."""
         return ca.dot(ca.DM(self.sigma_0), z) + ca.dot(ca.DM(self.sigma_1), rate) + curve.growing(v)
-
-    def at_rest(self) -> tuple[float, float]:
-        """All elements stick."""
-        return sum(self.sigma_0), sum(self.sigma_1)
 
 
 @dataclass(frozen=True)
@@ -124,7 +120,9 @@ class SmoothMaxwellSlip:
     def _linear(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX]:
         """dz/dt = gain - slope z with the switch at z."""
         bound, sign = self.elements.bounds(v, curve), ca.sign(v)
-        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - SLIP_ONSET) / (1 - SLIP_ONSET)))
+        # An element begins to slip at 0.9 of its bound and slips altogether at 1, so that steady sliding takes g(v)
+        # exactly. (A switch centred at 1 saturates beyond it, and stays wrong by 3 to 5 %.)
+        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - 0.9) / (1 - 0.9)))
         S = x**2 * (3 - 2 * x)
         slope = S * self.elements.C / curve.level(v)
         return v * (1 - S) + slope * bound * sign, slope
@@ -151,13 +149,13 @@ class SwitchedMaxwellSlip:
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """dz_i/dt of the deflections, zeros for the directions: they jump."""
-        deflection, slips, bound, sign = self._seen(v, z, curve)
+        deflection, slips, bound, sign = self._slipping(v, z, curve)
         slope = self.elements.C / curve.level(v)
         return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.elements.nu)))
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
-        deflection, slips, bound, sign = self._seen(v, z, curve)
+        deflection, slips, bound, sign = self._slipping(v, z, curve)
         slope = self.elements.C / curve.level(v)
         slid = exponential_step(deflection, slope * bound * sign, slope, step)
         moved = deflection + v * step
@@ -172,8 +170,8 @@ class SwitchedMaxwellSlip:
         """All elements stick."""
         return self.elements.at_rest()
 
-    def _seen(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Deflections, whether they slip at v, their bounds, sgn(v)."""
+    def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Deflections, true where they slip at v, their bounds, sgn(v)."""
         n = len(self.elements.nu)
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
         bound = self.elements.bounds(v, curve)

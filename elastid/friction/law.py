@@ -18,8 +18,6 @@ Expression: TypeAlias = ca.SX | float
 
 # Numbers of a Curve, which an experiment may change from sample to sample: load, temperature.
 CURVE = ("F_c", "F_s", "inverse_nu_s", "alpha_3", "alpha_T", "F_l", "inverse_nu_l", "delta_c", "delta_v")
-# Of (v / nu_s)^2, below which an exponent other than 2 is rounded off: keeps its derivative finite at rest.
-_ROUNDED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -56,11 +54,12 @@ class Curve:
 
     def _falling(self, x: Expression) -> ca.SX:
         """exp(-|x|^a)."""
-        return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + _ROUNDED) ** (self.exponent / 2)))
+        # 1e-12 keeps the derivative of an exponent other than 2 finite at rest.
+        return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + 1e-12) ** (self.exponent / 2)))
 
 
 def is_absent(number: Expression) -> bool:
-    """Whether a number is 0 for good, and no symbol."""
+    """True if a number is 0 for good, and no symbol."""
     return isinstance(number, float) and number == 0
 
 

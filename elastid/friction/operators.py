@@ -1,4 +1,4 @@
-r"""Friction of one bristle on the fine grid of a motion: what it remembers, and means over the cells.
+r"""Friction of one element with memory on the fine grid of a motion: stop operator and bristle.
 
 .. math:: stop: &\quad s(t + dt) = \mathrm{clip}(s(t) + dq, -D, D) \\
           bristle: &\quad ds = dq - |dq|\, s / D

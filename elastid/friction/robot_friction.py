@@ -23,8 +23,8 @@ from elastid.robot import Directions, Friction, Robot
 class PlacedLaw:
     """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
 
-    slides: whether its own side translates, N and m; a motor's turns.  reverses: whether a positive velocity of the
-    link is a negative one of its own side.
+    slides: its own side translates, N and m; a motor's turns.  reverses: a positive velocity of the link is a negative
+    one of its own side.
     """
 
     place: str
@@ -99,19 +99,17 @@ class PlacedLaw:
 
 def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
     """All dry friction of a robot, motors first. A motor's `coulomb` alone is Coulomb's law, smoothed."""
-    found = []
+    laws = []
     for joint in robot.driven:
         motor = joint.motor
-        if motor is not None and motor.friction is not None:
-            found.append(_placed(f"motor {joint.name}", motor.friction, motor.ratio))
-        elif motor is not None and motor.coulomb > 0:
-            found.append(_placed(f"motor {joint.name}", Friction(motor.coulomb), motor.ratio))
-    found += [
-        _placed(f"joint {joint.name}", joint.friction, 1.0, joint.slides)
-        for joint in robot.joints
-        if joint.friction is not None
-    ]
-    return tuple(found)
+        if motor is not None and (spec := motor.dry_friction) is not None:
+            n = abs(motor.ratio)
+            laws.append(PlacedLaw(f"motor {joint.name}", _law(spec, n), spec, n, reverses=motor.ratio < 0))
+    for joint in robot.joints:
+        if joint.friction is not None:
+            law = _law(joint.friction, 1.0)
+            laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
+    return tuple(laws)
 
 
 def coulomb_levels(robot: Robot) -> FloatArray:
@@ -125,10 +123,6 @@ def coulomb_levels(robot: Robot) -> FloatArray:
     return np.add(own, rigid)
 
 
-def _placed(place: str, spec: Friction, ratio: float, slides: bool = False) -> PlacedLaw:
-    return PlacedLaw(place, _law(spec, abs(ratio)), spec, abs(ratio), slides, ratio < 0)
-
-
 def _law(spec: Friction, n: float) -> Law:
     if spec.lugre is not None:
         bristle = spec.lugre
@@ -137,9 +131,9 @@ def _law(spec: Friction, n: float) -> Law:
     if spec.maxwell_slip is not None:
         slip = spec.maxwell_slip
         elements = MaxwellElements(
-            tuple(n**2 * stiffness for stiffness in slip.stiffness),
+            tuple(n**2 * k for k in slip.stiffness),
             slip.shares,
-            tuple(n**2 * damping for damping in slip.damping or (0.0,) * len(slip.stiffness)),
+            tuple(n**2 * d for d in slip.damping or (0.0,) * len(slip.stiffness)),
             n * slip.attraction,
         )
         return SmoothMaxwellSlip(elements) if slip.switching == "smooth" else SwitchedMaxwellSlip(elements)

@@ -1,4 +1,23 @@
-"""Static friction laws over velocity, load and temperature, and the terms that they are sums of."""
+r"""Static friction laws over velocity, load and temperature, and the terms that they are sums of.
+
+.. math:: \tau_f = F_c \tanh(v / v_s)
+
+Coulomb's F_c sgn(v), smoothed over v_s: eq. (2.15) of Niglis & Oberg (2015) as v_s -> 0. The sign is that of the
+velocity, and the torque stands on the side of M q'' + f + tau_f = B u: friction brakes. Viscous friction is not here;
+it is linear and part of the model's force f. Tustin's law, eq. (2.17), has the Stribeck curve g(v) instead of F_c
+and may grow with v |v|.
+
+As a sum of columns, linear in most of its numbers:
+
+.. math::
+   s \tau_f = F_c + \delta_c s + F_{cl} L + F_{sl} L\, e(v / \nu_l)
+       + (D_s + D_{sT} \theta)\, e(v / (\nu_s + \nu_T \theta))
+       + (\alpha + \delta_v s) v + \alpha_T (e^{-\theta / T_V} - 1) v + \alpha_3 v^2, \quad e(x) = e^{-|x|^a}
+
+with s the direction, v = |v|, L the load and theta = T - T_0 (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh,
+LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named as in a robot's file; `excess` is D_s
+and `load.excess` F_sl, the excess of stiction over Coulomb friction.
+"""
 
 from __future__ import annotations
 
@@ -45,23 +64,13 @@ class Tustin:
         return 0.0, F_s / self.v_s
 
 
+# Numbers of the law by their path in `robot.friction.Friction`: those that tau_f is linear in, and the others.
 LINEAR = (
-    "coulomb",
-    "excess",
-    "viscous",
-    "quadratic",
-    "load.coulomb",
-    "load.excess",
-    "temperature.stiction",
-    "temperature.viscous",
-    "directions.coulomb",
-    "directions.viscous",
+    *("coulomb", "excess", "viscous", "quadratic", "load.coulomb", "load.excess"),
+    *("temperature.stiction", "temperature.viscous", "directions.coulomb", "directions.viscous"),
 )
 NONLINEAR = (
-    "stribeck_velocity",
-    "temperature.stribeck_velocity",
-    "exponent",
-    "load.stribeck_velocity",
+    *("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity"),
     "temperature.decay",
 )
 
@@ -80,34 +89,34 @@ class Conditions:
     temperature: FloatArray
 
 
-def columns(at: Conditions, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
+def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
     """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
-    each = _columns(at, eta, T_0)
-    return np.stack([each[name] for name in names], axis=1)
+    terms = _columns(conditions, eta, T_0)
+    return np.stack([terms[name] for name in names], axis=1)
 
 
 def slopes(
-    at: Conditions, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
+    conditions: Conditions, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
 ) -> FloatArray:
     """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta."""
-    v, L, theta = at.speed, at.load, _theta(at, T_0)
+    v, L, theta = conditions.speed, conditions.load, _theta(conditions, T_0)
     load_excess = linear.get("load.excess", 0.0) * L
-    found: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
+    slopes: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
     if "stribeck_velocity" in eta:
         falling = linear.get("excess", 0.0) + linear.get("temperature.stiction", 0.0) * theta
         if "load.stribeck_velocity" in eta:
             by_nu_l, by_a = _fall(v, np.full_like(v, eta["load.stribeck_velocity"]), eta["exponent"])
-            found |= {"load.stribeck_velocity": load_excess * by_nu_l, "exponent": load_excess * by_a}
+            slopes |= {"load.stribeck_velocity": load_excess * by_nu_l, "exponent": load_excess * by_a}
         else:
             falling = falling + load_excess
         by_nu, by_a = _fall(v, _nu(eta, theta), eta["exponent"])
-        found["stribeck_velocity"] = falling * by_nu
-        found["temperature.stribeck_velocity"] = falling * by_nu * theta
-        found["exponent"] = found["exponent"] + falling * by_a
+        slopes["stribeck_velocity"] = falling * by_nu
+        slopes["temperature.stribeck_velocity"] = falling * by_nu * theta
+        slopes["exponent"] = slopes["exponent"] + falling * by_a
     if "temperature.decay" in eta:
         T_V = eta["temperature.decay"]
-        found["temperature.decay"] = linear.get("temperature.viscous", 0.0) * v * np.exp(-theta / T_V) * theta / T_V**2
-    return np.stack([found[name] for name in names], axis=1) if names else np.zeros((len(v), 0))
+        slopes["temperature.decay"] = linear.get("temperature.viscous", 0.0) * v * np.exp(-theta / T_V) * theta / T_V**2
+    return np.stack([slopes[name] for name in names], axis=1) if names else np.zeros((len(v), 0))
 
 
 def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArray]:
@@ -117,11 +126,10 @@ def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArr
     return e * power * a / nu, -e * power * np.log(v / nu)
 
 
-def _columns(at: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
-    v, s, L, theta = at.speed, at.direction, at.load, _theta(at, T_0)
-    one = np.ones_like(v)
-    found = {
-        "coulomb": one,
+def _columns(conditions: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
+    v, s, L, theta = conditions.speed, conditions.direction, conditions.load, _theta(conditions, T_0)
+    terms = {
+        "coulomb": np.ones_like(v),
         "viscous": v,
         "quadratic": v**2,
         "load.coulomb": L,
@@ -130,12 +138,12 @@ def _columns(at: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, 
     }
     if "stribeck_velocity" in eta:
         e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
-        found |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
+        terms |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
     if "load.stribeck_velocity" in eta:
-        found["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
+        terms["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
     if "temperature.decay" in eta:
-        found["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
-    return found
+        terms["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
+    return terms
 
 
 def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:
@@ -144,6 +152,6 @@ def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:
     return np.maximum(nu_s + eta.get("temperature.stribeck_velocity", 0.0) * theta, 1e-3 * nu_s)
 
 
-def _theta(at: Conditions, T_0: float) -> FloatArray:
+def _theta(conditions: Conditions, T_0: float) -> FloatArray:
     """T - T_0 (n,), 0 where no temperature is known."""
-    return np.nan_to_num(at.temperature - T_0, nan=0.0)
+    return np.nan_to_num(conditions.temperature - T_0, nan=0.0)

@@ -17,14 +17,23 @@ from elastid.model.parallel_linkage.loop_closure import motions, null_space
 from elastid.model.springs import deflections, tangents
 from elastid.record import Configuration
 
-MAX_STEPS = 60
-MAX_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
-CONVERGED_STEP = 1e-12  # rad or m: convergence is quadratic, the error left is far below
-ROUNDING_STEP = 1e-8  # rad or m: below, rounding decides whether a step leads downhill
-MAX_HALVINGS = 30
-MAX_GAP = 1e-9  # m or rad: residual of a constraint that rounding explains
-MAX_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
-ROUNDING_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
+
+@dataclass(frozen=True)
+class Limits:
+    """Numbers of Newton's method and of the judgement of its result; false-alarm rates not measured."""
+
+    steps: int = 60
+    step: float = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
+    converged_step: float = 1e-12  # rad or m: convergence is quadratic, the remaining error is far below
+    rounding_step: float = 1e-8  # rad or m: below, rounding decides whether a step leads downhill
+    halvings: int = 30
+    gap: float = 1e-9  # m or rad: residual of a constraint that rounding explains
+    deflection: float = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
+    inertia: float = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
+    flank: float = 2.0  # beyond b + flank e the flank of a gap has 95 % of its stiffness
+
+
+LIMITS = Limits()
 
 
 @frozen_value
@@ -48,8 +57,13 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     rigid = q.copy()
     now = _balance(model, theta, q, free)
     gravity = model.potential_gradient(q, theta).full()[:, 0]
-    _check_finite(model, configuration, np.column_stack([gravity, now.K]))
-    for _ in range(MAX_STEPS):
+    bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, now.K])).all(axis=1))
+    if bad.size:
+        raise StudyError(
+            f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
+            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
+        )
+    for _ in range(LIMITS.steps):
         # Back onto the loops, and downhill along them.
         Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
         close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
@@ -57,16 +71,12 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
         step = np.zeros(model.n_q)
         step[free] = close + Z @ _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         largest = np.abs(step).max(initial=0.0)
-        step *= min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
+        step *= min(1.0, LIMITS.step / max(largest, LIMITS.converged_step))
         q, now = _shortened(model, theta, q, now, step, free)
-        if largest <= CONVERGED_STEP:
+        if largest <= LIMITS.converged_step:
             break
-    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(now.K).max()
-    _check_closed(model, configuration, now.phi)
-    _check_rest(model, configuration, free, now.torque, rounding)
-    _check_stable(model, configuration, free, now.K, now.Phi)
-    _check_deflections(model, configuration, q - rigid)
-    _check_inertia(model, configuration, model.mass(q, theta).full(), motions(model, now.Phi))
+    for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
+        raise StudyError(f"configuration {configuration.name}: {fault}")
     return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
 
 
@@ -118,10 +128,10 @@ def _shortened(
 ) -> tuple[FloatArray, _Balance]:
     """q and balance after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
     slope = float(now.torque @ step)
-    for halving in range(MAX_HALVINGS):
+    for halving in range(LIMITS.halvings):
         moved = q + 0.5**halving * step
         now = _balance(model, theta, moved, free)
-        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
+        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < LIMITS.rounding_step:
             break
     return moved, now
 
@@ -146,82 +156,57 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     return q
 
 
-def _check_finite(model: ElasticModel, configuration: Configuration, numbers: FloatArray) -> None:
-    bad = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
-    if bad.size:
-        raise StudyError(
-            f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
-            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
+def _faults(
+    model: ElasticModel,
+    theta: FloatArray,
+    free: IntArray,
+    q: FloatArray,
+    rigid: FloatArray,
+    balance: _Balance,
+    load: float,
+) -> Iterator[str]:
+    """Reasons why q (n_q,) is no equilibrium to linearise at; rigid (n_q,): undeflected.  load: largest by gravity."""
+    slides, names, K = model.robot.slides, model.coordinates, balance.K
+    if (gap := np.abs(balance.phi).max(initial=0.0)) > LIMITS.gap:
+        yield (
+            f"the loops of robot {model.robot.name} stay open by {gap:.3g} m at rest under gravity; its springs are "
+            "too soft for the weight they carry"
         )
-
-
-def _check_rest(
-    model: ElasticModel, configuration: Configuration, free: IntArray, torque: FloatArray, rounding: float
-) -> None:
-    left = np.abs(torque[free])
-    if left.size and not left.max() <= rounding:
-        worst = free[int(np.argmax(left))]
-        unit = "N" if model.robot.slides(model.coordinates[worst]) else "N*m"
-        raise StudyError(
-            f"configuration {configuration.name}: {model.coordinates[worst]} finds no rest under gravity, "
-            f"{torque[worst]:.3g} {unit} stay unbalanced after {MAX_STEPS} Newton steps; its springs are too soft for "
-            "the weight they carry, or the joint has no spring"
+    unbalanced = np.abs(balance.torque[free])
+    if unbalanced.size and not unbalanced.max() <= 1e-8 * load + 1e-12 * np.abs(K).max():
+        worst = free[int(np.argmax(unbalanced))]
+        yield (
+            f"{names[worst]} finds no rest under gravity, {balance.torque[worst]:.3g} "
+            f"{'N' if slides(names[worst]) else 'N*m'} stay unbalanced after {LIMITS.steps} Newton steps; its springs "
+            "are too soft for the weight they carry, or the joint has no spring"
         )
-
-
-def _check_closed(model: ElasticModel, configuration: Configuration, phi: FloatArray) -> None:
-    if np.abs(phi).max(initial=0.0) > MAX_GAP:
-        raise StudyError(
-            f"configuration {configuration.name}: the loops of robot {model.robot.name} stay open by "
-            f"{np.abs(phi).max():.3g} m at rest under gravity; its springs are too soft for the weight they carry"
-        )
-
-
-def _check_stable(
-    model: ElasticModel, configuration: Configuration, free: IntArray, K: FloatArray, Phi: FloatArray
-) -> None:
-    Z = null_space(Phi[:, free])
-    if not Z.size:
-        return
-    stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
-    modes = Z @ modes
-    if stiffness[0] < -1e-9 * np.abs(K).max():
-        worst = free[int(np.argmax(np.abs(modes[:, 0])))]
-        unit = "N/m" if model.robot.slides(model.coordinates[worst]) else "N*m/rad"
-        raise StudyError(
-            f"configuration {configuration.name}: {model.coordinates[worst]} tips over, springs and gravity together "
-            f"have a stiffness of {stiffness[0]:.3g} {unit} there with the motors held; raise its stiffness, or let a "
-            "joint without spring hang down"
-        )
-
-
-def _check_deflections(model: ElasticModel, configuration: Configuration, moved: FloatArray) -> None:
-    for joint in model.robot.joints:
-        place = f"joint {joint.name}"
-        by = moved[model.index(place)]
-        if joint.spring is not None and abs(by) > MAX_DEFLECTION:
-            raise StudyError(
-                f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} {joint.unit} from "
-                "where its motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
+    Z = null_space(balance.Phi[:, free])
+    if Z.size:
+        stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
+        if stiffness[0] < -1e-9 * np.abs(K).max():
+            worst = free[int(np.argmax(np.abs((Z @ modes)[:, 0])))]
+            yield (
+                f"{names[worst]} tips over, springs and gravity together have a stiffness of {stiffness[0]:.3g} "
+                f"{'N/m' if slides(names[worst]) else 'N*m/rad'} there with the motors held; raise its stiffness, or "
+                "let a joint without spring hang down"
             )
-
-
-def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray, Z: FloatArray) -> None:
-    M = Z.T @ M @ Z
+    for joint in model.robot.joints:
+        deflection = (q - rigid)[model.index(f"joint {joint.name}")]
+        if joint.spring is not None and abs(deflection) > LIMITS.deflection:
+            yield (
+                f"joint {joint.name} tips over, it comes to rest {deflection:.3g} {joint.unit} from where its motor "
+                "holds it; its springs are too soft for the weight they carry, raise their stiffness"
+            )
+    Z = motions(model, balance.Phi)
+    M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(Z @ modes[:, eigenvalues <= ROUNDING_INERTIA], axis=1)
-    names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
-    if not names:
-        return
-    raise StudyError(
-        f"configuration {configuration.name}: the mass matrix is singular, motion of {names} moves no inertia; give "
-        "the bodies that it moves a mass off the joint's axis or an inertia about it"
-    )
-
-
-# Beyond b + FLANK e the flank of a gap has 95 % of its stiffness.
-FLANK = 2.0
+    share = np.linalg.norm(Z @ modes[:, eigenvalues <= LIMITS.inertia], axis=1)
+    if still := ", ".join(name for name, part in zip(names, share, strict=True) if part > 0.1):
+        yield (
+            f"the mass matrix is singular, motion of {still} moves no inertia; give the bodies that it moves a mass "
+            "off the joint's axis or an inertia about it"
+        )
 
 
 @frozen_value
@@ -237,7 +222,8 @@ def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingP
     """The springs of a robot at each operating point; theta (n_theta,): model.parameters, SI."""
     q, symbols = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
     named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
-    deflection, tangent = deflections(model.robot, q), tangents(model.robot, q, named)
+    deflection = deflections(model.robot, q)
+    tangent = tangents(deflection, named)
     function = ca.Function("preload", [q, symbols], [ca.vertcat(*deflection.values()), ca.vertcat(*tangent.values())])
     at_points = (function(point.q, theta) for point in points)
     return tuple(Preload(tuple(deflection), x.full().ravel(), k.full().ravel()) for x, k in at_points)
@@ -252,39 +238,24 @@ def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
     loads = preloads(model, theta, points)
     notes: list[Note] = []
     for i, joint in enumerate(loads[0].joints if loads else ()):
-        x, k = (np.array([getattr(load, what)[i] for load in loads]) for what in ("deflection", "tangent"))
-        notes += [*_in_the_gap(model, joint, values, names, x, k), *_unstable(model, joint, names, x, k)]
+        x, k = np.array([load.deflection[i] for load in loads]), np.array([load.tangent[i] for load in loads])
+        unit, b = model.robot.parameters()[f"k_{joint}"][1], values.get(f"b_{joint}", 0.0)
+        inside = np.flatnonzero(np.abs(x) < b + LIMITS.flank * (values.get(f"e_{joint}", 0.0) * b))
+        if inside.size:
+            angle = model.robot.parameters()[f"b_{joint}"][1]
+            resting = ", ".join(f"{names[i]} (deflected by {x[i]:.2g} {angle})" for i in inside)
+            share = k[inside] / values[f"k_{joint}"]
+            text = (
+                f"joint {joint} rests inside its backlash of +-{b:.2g} {angle} in {resting}: the response depends on "
+                f"the amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that "
+                "the model has at rest describes none; take configurations in which gravity presses the joint onto "
+                "one flank, or leave these out"
+            )
+            notes.append(Note("inside-backlash", text))
+        for c in np.flatnonzero(k < 0):
+            text = (
+                f"the spring of joint {joint} is unstable in {names[c]}: deflected by {x[c]:.2g} it pulls further, "
+                f"with {k[c]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
+            )
+            notes.append(Note("unstable-spring", text))
     return tuple(notes)
-
-
-def _in_the_gap(
-    model: ElasticModel, joint: str, values: dict[str, float], names: list[str], x: FloatArray, k: FloatArray
-) -> Iterator[Note]:
-    b = values.get(f"b_{joint}", 0.0)
-    e = values.get(f"e_{joint}", 0.0) * b
-    inside = np.flatnonzero(np.abs(x) < b + FLANK * e)
-    if inside.size:
-        unit = model.robot.parameters()[f"b_{joint}"][1]
-        found = ", ".join(f"{names[i]} (deflected by {x[i]:.2g} {unit})" for i in inside)
-        share = k[inside] / values[f"k_{joint}"]
-        yield (
-            Note(
-                "inside-backlash",
-                f"joint {joint} rests inside its backlash of +-{b:.2g} {unit} in {found}: the response depends on the "
-                f"amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that the "
-                "model has at rest describes none; take configurations in which gravity presses the joint onto one "
-                "flank, or leave these out",
-            )
-        )
-
-
-def _unstable(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[Note]:
-    unit = model.robot.parameters()[f"k_{joint}"][1]
-    for i in np.flatnonzero(k < 0):
-        yield (
-            Note(
-                "unstable-spring",
-                f"the spring of joint {joint} is unstable in {names[i]}: deflected by {x[i]:.2g} it pulls further, "
-                f"with {k[i]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic",
-            )
-        )

@@ -17,9 +17,6 @@ from elastid.linear.statespace import StateSpace, state_space
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 
-# Standard deviation of x, mostly logarithms, that stands for none at all.
-UNREACHED_STD = 100.0
-
 
 @dataclass(frozen=True)
 class UncertainModes:
@@ -37,15 +34,15 @@ def uncertain_modes(
     """The oscillating modes at x (n_x,) of covariance (n_x, n_x); infinite deviations where they need infinite ones."""
     where = model.configuration.name
     theta = parameters.expand(x, where)
-    found = modes(model, theta)
-    omega = 2 * np.pi * found.freq_hz
-    poles = omega * (-found.zeta + 1j * np.sqrt(np.maximum(1 - found.zeta**2, 0.0)))
-    slopes = _pole_slopes(model, theta, poles, found.shapes) @ parameters.jacobian(x, where)
+    natural = modes(model, theta)
+    omega = 2 * np.pi * natural.freq_hz
+    poles = omega * (-natural.zeta + 1j * np.sqrt(np.maximum(1 - natural.zeta**2, 0.0)))
+    slopes = _pole_slopes(model, theta, poles, natural.shapes) @ parameters.jacobian(x, where)
     # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
     d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
-    d_zeta = -(slopes.real + found.zeta[:, None] * d_omega) / omega[:, None]
+    d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
     return UncertainModes(
-        found.freq_hz, _deviation(d_omega / (2 * np.pi), covariance), found.zeta, _deviation(d_zeta, covariance)
+        natural.freq_hz, _deviation(d_omega / (2 * np.pi), covariance), natural.zeta, _deviation(d_zeta, covariance)
     )
 
 
@@ -63,11 +60,11 @@ def response_shifts(
 ) -> ComplexArray:
     """Changes of G (n_x, F, n_y, n_u) by one standard deviation of x in each of n_x independent directions.
 
-    An unreached parameter counts with UNREACHED_STD.
+    A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
     """
     _, J = _response_slopes(model, freq_hz, parameters, x)
     unreached = np.isinf(np.diag(covariance))
-    known = np.where(unreached[:, None] | unreached, 0.0, covariance) + UNREACHED_STD**2 * np.diag(unreached)
+    known = np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached)
     values, vectors = np.linalg.eigh(known)
     return np.asarray(np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, J, axes=1))
 
@@ -121,12 +118,10 @@ class FittedModel:
     @property
     def display(self) -> Display:
         """The modes with their standard deviations."""
-        found, linear = self.uncertain_modes(), self.linear
-        columns = (found.freq_hz, found.freq_std, 100 * found.zeta, 100 * found.zeta_std)
-        rows = [
-            tuple(number(value, kept) for value, kept in zip(row, (5, 2, 4, 2), strict=True))
-            for row in np.transpose(columns).tolist()
-        ]
+        uncertain, linear = self.uncertain_modes(), self.linear
+        columns = (uncertain.freq_hz, uncertain.freq_std, 100 * uncertain.zeta, 100 * uncertain.zeta_std)
+        digits = (5, 2, 4, 2)
+        rows = [tuple(map(number, row, digits)) for row in np.transpose(columns).tolist()]
         return Display(
             f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}): "
             f"{linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}",

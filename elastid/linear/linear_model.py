@@ -80,8 +80,8 @@ class LinearModel:
             object.__setattr__(self, "T", frozen(np.zeros(self.C.shape)))
         if self.Z is None:
             object.__setattr__(self, "Z", frozen(np.eye(n)))
-        expected = {"M": (n, n), "D": (n, n), "K": (n, n), "B": (n, len(self.inputs)), "C": (len(self.outputs), n)}
-        expected["T"] = expected["C"]
+        square, read = (n, n), (len(self.outputs), n)
+        expected = {"M": square, "D": square, "K": square, "B": (n, len(self.inputs)), "C": read, "T": read}
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
@@ -109,11 +109,11 @@ class LinearModel:
     def channel_gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """g_y (n_y,) and 1 / g_u (n_u,): factors of rows and columns of G where channels are not calibrated, or 1."""
 
-        def of(role: str, places: Sequence[str]) -> FloatArray:
+        def gains(role: str, places: Sequence[str]) -> FloatArray:
             names = [gain_name(role, place) for place in places]
             return np.array([self.number(theta, name) if name in self.gains else 1.0 for name in names])
 
-        return of("y", self.outputs), 1 / of("u", self.inputs)
+        return gains("y", self.outputs), 1 / gains("u", self.inputs)
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""
@@ -129,16 +129,16 @@ class LinearModel:
 
     def with_outputs(self, rows: Sequence[int]) -> LinearModel:
         """The same with some of its outputs, by their places."""
-        kept = list(rows)
+        rows = list(rows)
 
         def part(matrix: FloatArray | None) -> FloatArray | None:
-            return None if matrix is None or not np.any(matrix[kept]) else matrix[kept]
+            return None if matrix is None or not np.any(matrix[rows]) else matrix[rows]
 
         moved = {name: self.slopes[name] for name in self.moved_outputs}
         slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in moved.items()}
-        outputs = tuple(self.outputs[row] for row in kept)
-        hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in kept))
-        return replace(self, C=self.C[kept], T=self.tilt[kept], outputs=outputs, slopes=slopes, hold=hold)
+        outputs = tuple(self.outputs[row] for row in rows)
+        hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
+        return replace(self, C=self.C[rows], T=self.tilt[rows], outputs=outputs, slopes=slopes, hold=hold)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """M, D, K (n, n) at theta (n_theta,) in SI; ValueError where theta is not one number for each parameter."""

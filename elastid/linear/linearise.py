@@ -8,7 +8,7 @@ the velocities and leave nothing. The operating point moves with the parameters,
 
 .. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta}
 
-and M, C alike (`operating_point_slopes`). Where all springs are linear the second term is left out: it is a thousandth
+and so for M, C (`operating_point_slopes`). Where all springs are linear the second term is left out: it is a thousandth
 of the first and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers
 close loops; the minimal formulation, with rods cut, follows. Where coordinates of the geometry are parameters nothing
 is left out.
@@ -54,7 +54,7 @@ class Linearisation:
 
     @property
     def follows(self) -> bool:
-        """Whether the derivatives follow the operating point, which moves with the parameters."""
+        """True if the derivatives follow the operating point, which moves with the parameters."""
         return self.point is not None
 
     @cached_property
@@ -67,7 +67,7 @@ class Linearisation:
         )
 
     def is_affine_in(self, names: Collection[str]) -> bool:
-        """Whether M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
+        """True if M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
         model = self.model
         theta = [ca.SX.sym(name) for name in model.parameters]
         q, lambda_ = ca.SX.sym("q", model.n_q), ca.SX.sym("lambda", model.n_c)
@@ -92,7 +92,7 @@ class Linearisation:
     @classmethod
     def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> Linearisation:
         """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
-        return _of_robot(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
+        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
@@ -102,8 +102,10 @@ class Linearisation:
         check_theta(theta, model.parameters)
         point = equilibrium(model, theta, configuration)
         triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
-        M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
-        slopes = self._dense(jacobian)
+        M, D, K = (column[_places(model.n_q)] for column in triangles.full().T)
+        # With its zeros; the numbers of a sparse one alone leave CasADi sooner.
+        slopes = np.zeros(jacobian.shape)
+        slopes[self._entries] = jacobian.nonzeros()
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         C, T = model.output_jacobian(point.q, outputs, theta), model.gravity_jacobian(point.q, outputs)
         if self.point is None:
@@ -132,32 +134,22 @@ class Linearisation:
             sliding=model.robot.sliding((*model.inputs, *outputs)),
         )
 
-    def _dense(self, slopes: ca.DM) -> FloatArray:
-        """The Jacobian of `matrices` with its zeros; the numbers of a sparse one alone leave CasADi sooner."""
-        found = np.zeros(slopes.shape)
-        found[self._entries] = slopes.nonzeros()
-        return found
-
     @cached_property
     def _entries(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of what is not zero for every theta."""
+        """Rows and columns of the Jacobian that are not zero for every theta."""
         rows, columns = self.matrices.sparsity_out(1).get_triplet()
         return np.array(rows, np.int64), np.array(columns, np.int64)
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """Whether the tangent stiffness depends on the deflection under gravity, or springs are in series.
-
-    Or the geometry, which moves everything, is among the parameters.
-    """
+    """True if the geometry is among the parameters, a tangent depends on deflection, or springs are in series."""
     robot = model.robot
     bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
-    series = any(box.is_in_series for box in robot.gearboxes)
-    return bool(model.geometry) or (model.n_c == 0 and (bent or series))
+    return bool(model.geometry) or (model.n_c == 0 and (bent or any(box.is_in_series for box in robot.gearboxes)))
 
 
 @lru_cache(maxsize=4)
-def _of_robot(robot: Robot, spec: ModelSpec, geometry: tuple[str, ...]) -> Linearisation:
+def _linearised(robot: Robot, spec: ModelSpec, geometry: tuple[str, ...]) -> Linearisation:
     return Linearisation.of(formulate(robot, spec, geometry))
 
 
@@ -174,13 +166,9 @@ def linearise(
     return Linearisation.of(model).at(configuration, theta, outputs, quantity)
 
 
-def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
-    return np.asarray(triangle[_places(n)])
-
-
 @cache
 def _places(n: int) -> IntArray:
-    """Where each entry of a symmetric (n, n) stands among those of its lower triangle."""
+    """Places of the entries of a symmetric (n, n) among those of its lower triangle."""
     places = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)
     places[rows, columns] = places[columns, rows] = np.arange(rows.size)
@@ -197,14 +185,10 @@ def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
     """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
-    triangles = jacobian.T.reshape(len(model.parameters), 3, -1)
+    triangles, places = jacobian.T.reshape(len(model.parameters), 3, -1), _places(model.n_q)
     enters = np.any(triangles, axis=2)
-    return {
-        model.parameters[p]: Slope(
-            *(
-                _projected(Z, _symmetric(part, model.n_q)) if is_one else None
-                for part, is_one in zip(triangles[p], enters[p], strict=True)
-            )
-        )
-        for p in np.flatnonzero(np.any(enters, axis=1))
-    }
+    slopes = {}
+    for p in np.flatnonzero(np.any(enters, axis=1)):
+        parts = zip(triangles[p], enters[p], strict=True)
+        slopes[model.parameters[p]] = Slope(*(_projected(Z, part[places]) if moves else None for part, moves in parts))
+    return slopes

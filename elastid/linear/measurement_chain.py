@@ -44,14 +44,17 @@ class LagElement:
 
 @dataclass(frozen=True)
 class DifferenceElement:
-    """H(x) = (1 - e^-x) / x, x = s T: a difference over T in the place of a derivative."""
+    """H(x) = (1 - e^-x) / x, x = s T: a difference over T instead of a derivative."""
 
     name: str
 
     def response(self, s: ComplexArray, T: float) -> ComplexArray:
         """H(s T) of the shape of s."""
         half = s * T / 2  # e^(-x/2) sinh(x/2) / (x/2) keeps its digits where x is small
-        return np.asarray(np.exp(-half) * _sinhc(half), dtype=np.complex128)
+        small = np.abs(half) < 1e-4
+        safe = np.where(small, 1.0, half)
+        sinhc = np.where(small, 1 + half**2 / 6, np.sinh(safe) / safe)
+        return np.asarray(np.exp(-half) * sinhc, dtype=np.complex128)
 
     def log_slope(self, s: ComplexArray, T: float) -> ComplexArray:
         """d ln H / dT = s (1 / (e^x - 1) - 1 / x), which is -s / 2 where x is small."""
@@ -73,21 +76,10 @@ def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
     """Between command and torque: they are inside a control loop."""
     if chain.torque_lag is None:
         return ()
-    second = (2 * chain.torque_damping, 1.0)
-    return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else second),)
+    return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else (2 * chain.torque_damping, 1.0)),)
 
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:
     """Between motion and log."""
-    found: list[Element] = []
-    if chain.sensor_lag is not None:
-        found.append(LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]))
-    if chain.differentiator is not None:
-        found.append(DifferenceElement("differentiator"))
-    return tuple(found)
-
-
-def _sinhc(x: ComplexArray) -> ComplexArray:
-    small = np.abs(x) < 1e-4
-    safe = np.where(small, 1.0, x)
-    return np.asarray(np.where(small, 1 + x**2 / 6, np.sinh(safe) / safe))
+    lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]),)
+    return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))

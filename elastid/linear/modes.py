@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -12,10 +14,16 @@ from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
 from elastid.model.elastic import ElasticModel
 
-# |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
-MAX_RIGID_RATE = 1e-6
-# Zeros beyond this multiple of the highest natural frequency cannot be distinguished from zeros at infinity.
-MAX_ZERO_RATIO = 10.0
+
+@dataclass(frozen=True)
+class ModeLimits:
+    """Judgement of poles and zeros; false-alarm rates not measured."""
+
+    rigid_rate: float = 1e-6  # of the largest |lambda|: below, a rigid-body mode; rounding splits a double zero so far
+    zero_ratio: float = 10.0  # of the highest natural frequency: zeros beyond are indistinguishable from infinity
+
+
+LIMITS = ModeLimits()
 
 
 @frozen_value
@@ -66,26 +74,23 @@ def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: st
     column, row = index_of(input, model.inputs, "input"), index_of(output, model.outputs, "output")
     B, C = model.B[:, [column]], model.readout(theta)[0][[row]]
     N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
-    highest = MAX_ZERO_RATIO * float(np.abs(_eigenvalues(M, D, K)[0]).max())
+    highest = LIMITS.zero_ratio * float(np.abs(_eigenvalues(M, D, K)[0]).max())
     return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)
 
 
 def _modes(M: FloatArray, D: FloatArray, K: FloatArray, basis: FloatArray, highest: float) -> Modes:
     """Modes of coordinates x, q = basis x, without those beyond |lambda| = highest (1/s)."""
     poles, x = _eigenvalues(M, D, K)
-    kept = np.isfinite(poles) & (np.abs(poles) <= highest)
-    poles, shapes = poles[kept], basis @ x[:, kept]
+    is_finite = np.isfinite(poles) & (np.abs(poles) <= highest)
+    poles, shapes = poles[is_finite], basis @ x[:, is_finite]
     scale = np.abs(poles).max(initial=0.0)
-    poles = np.where(np.abs(poles) <= MAX_RIGID_RATE * scale, 0.0, poles)
-    real = np.abs(poles.imag) <= MAX_RIGID_RATE * scale
-    oscillating = np.flatnonzero(~real & (poles.imag > 0))
+    poles = np.where(np.abs(poles) <= LIMITS.rigid_rate * scale, 0.0, poles)
+    is_real = np.abs(poles.imag) <= LIMITS.rigid_rate * scale
+    oscillating = np.flatnonzero(~is_real & (poles.imag > 0))
     oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
-    found, shapes = poles[oscillating], shapes[:, oscillating]
-    shapes = _normalised(shapes)
-    decaying = poles[real].real
-    return Modes(
-        np.abs(found) / (2 * np.pi), -found.real / np.abs(found), shapes, decaying[np.argsort(np.abs(decaying))]
-    )
+    decaying, poles = poles[is_real].real, poles[oscillating]
+    freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
+    return Modes(freq_hz, zeta, _normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
 
 
 def _normalised(shapes: ComplexArray) -> ComplexArray:

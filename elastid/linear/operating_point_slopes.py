@@ -14,7 +14,7 @@ rows of Z, and with them B, alone. So the derivatives are exact, whatever the pa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -27,9 +27,6 @@ from elastid.linear.equilibrium import OperatingPoint, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, null_space
-
-# Gap of a loop beside the one that a parameter would open if no joint followed.
-MAX_OPENING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,17 +62,25 @@ class PointDerivatives:
 
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
         """
-        model, free, at = self.model, free_coordinates(self.model), (point.q, point.lambda_, theta)
-        statics, phi, Phi_theta = (part.full() for part in self.of_theta(*at))
-        A_q, Phi_q = (part.full() for part in self.of_q(*at))
+        model, free, arguments = self.model, free_coordinates(self.model), (point.q, point.lambda_, theta)
+        statics, phi, Phi_theta = (part.full() for part in self.of_theta(*arguments))
+        A_q, Phi_q = (part.full() for part in self.of_q(*arguments))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
-            return PointSlopes(A_q @ dq, **_reading(model, at, outputs, dq))
+            return PointSlopes(A_q @ dq, **_reading(model, point.q, theta, outputs, dq))
         Phi = model.constraint_jacobian(point.q, theta).full()
         inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE), null_space(Phi[:, free])
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
-        self._check_closed(Phi[:, free] @ back + phi, phi)
+        # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.
+        opened = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
+        if opened.any():
+            names = ", ".join(name for name, is_open in zip(model.parameters, opened, strict=True) if is_open)
+            raise StudyError(
+                f"{names}: no motion of the joints keeps the loops of robot {model.robot.name} closed when it changes "
+                "(an offset out of the plane of a planar linkage, for one); leave it out of fit.parameters, or close "
+                "that loop by a rod"
+            )
         dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
         dlambda = -inverse.T @ (statics + K_f @ dq)
         turned = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
@@ -84,19 +89,8 @@ class PointDerivatives:
             if np.any(dPhi):
                 motions[name] = np.zeros_like(Z)
                 motions[name][free] = -inverse @ (dPhi @ Z)
-        triangles = A_q @ dq + self.of_lambda(*at).full() @ dlambda
-        return PointSlopes(triangles, motions, **_reading(model, at, outputs, dq))
-
-    def _check_closed(self, left: FloatArray, phi: FloatArray) -> None:
-        """Every row of phi (n_c, n_theta) can be taken back by the joints."""
-        opened = np.abs(left).max(axis=0) > MAX_OPENING * np.abs(phi).max(initial=0.0)
-        names = [name for name, one in zip(self.model.parameters, opened, strict=True) if one]
-        if names:
-            raise StudyError(
-                f"{', '.join(names)}: no motion of the joints keeps the loops of robot {self.model.robot.name} closed "
-                "when it changes (an offset out of the plane of a planar linkage, for one); leave it out of "
-                "fit.parameters, or close that loop by a rod"
-            )
+        triangles = A_q @ dq + self.of_lambda(*arguments).full() @ dlambda
+        return PointSlopes(triangles, motions, **_reading(model, point.q, theta, outputs, dq))
 
 
 def differentiate_point(
@@ -123,47 +117,40 @@ def total(
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates.
     """
-    found = dict(slopes)
+    totals = dict(slopes)
     for name in dict.fromkeys((*moved.Z, *moved.C, *moved.T)):
         dZ = moved.Z.get(name, np.zeros_like(Z))
-        held = found.get(name, Slope())
-        parts = {letter: _sum(getattr(held, letter), _symmetric(dZ.T @ matrices[letter] @ Z)) for letter in "MDK"}
+        held = totals.get(name, Slope())
+        turned = {letter: dZ.T @ matrices[letter] @ Z for letter in "MDK"}
+        parts = {letter: _sum(getattr(held, letter), part + part.T) for letter, part in turned.items()}
         for letter, own in (("C", moved.C), ("T", moved.T)):
             parts[letter] = _sum(own[name] @ Z if name in own else None, matrices[letter] @ dZ)
-        found[name] = replace(held, **parts)
-    return found
+        totals[name] = replace(held, **parts)
+    return totals
 
 
-def _sum(one: FloatArray | None, other: FloatArray) -> FloatArray | None:
-    """one + other, None where both are zero."""
-    if not np.any(other):
-        return one
-    return other if one is None else one + other
-
-
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return matrix + matrix.T
+def _sum(first: FloatArray | None, second: FloatArray) -> FloatArray | None:
+    """None where both are zero."""
+    if not np.any(second):
+        return first
+    return second if first is None else first + second
 
 
 def _reading(
-    model: ElasticModel, at: tuple[FloatArray, FloatArray, FloatArray], outputs: tuple[str, ...], dq: FloatArray
+    model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, dict[str, FloatArray]]:
-    """How C and T (n_y, n_q) of the outputs move, by name."""
+    """Slopes of C and T (n_y, n_q) of the outputs, by name; those that are not zero."""
     if all(place.startswith(("motor ", "joint ")) for place in outputs):
         return {}
-    slopes = (part.full() for part in _readout_slopes(model, outputs)(at[0], at[2]))
-    C_q, C_theta, T_q, T_theta = slopes
+    C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
     return {
-        letter: dict(_by_name(model, of_theta + of_q @ dq, len(outputs)))
-        for letter, of_q, of_theta in (("C", C_q, C_theta), ("T", T_q, T_theta))
+        letter: {
+            name: column.reshape(model.n_q, len(outputs)).T
+            for name, column in zip(model.parameters, slopes.T, strict=True)
+            if np.any(column)
+        }
+        for letter, slopes in (("C", C_theta + C_q @ dq), ("T", T_theta + T_q @ dq))
     }
-
-
-def _by_name(model: ElasticModel, slopes: FloatArray, n_y: int) -> Iterator[tuple[str, FloatArray]]:
-    """Columns of slopes (n_y n_q, n_theta) as matrices (n_y, n_q), those that are not zero."""
-    for name, column in zip(model.parameters, slopes.T, strict=True):
-        if np.any(column):
-            yield name, column.reshape(model.n_q, n_y).T
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,37 @@
-"""The drivetrain on the link side: motors, gears, springs and dampers as energies, inertial coupling of rotors."""
+r"""The drivetrain of a robot: motors, gears, springs, dampers and viscous friction as energies, all on the link side.
+
+.. math:: T_m = \tfrac12 \sum_i J_{m,i} (\eta\, \dot q_m)_i^2, \quad V_s = \tfrac12 \delta^T K_a \delta, \quad
+          R = \tfrac12 \Big( \dot\delta^T D_a \dot\delta + \sum f \dot q_a^2 + \sum_i f_{m,i} (\eta \dot q_m)_i^2 \Big)
+
+Niglis & Oberg (2015), eqs. (2.8a), (2.8b), with the deflections delta = q_m - q_a of elastic gears and delta = q_na of
+joints that are elastic but not driven. This is the only place where gear ratios are applied to the model.
+eta (n_u, n_u): turns of the motors per turn of the joints, not diagonal where gears couple axes; motor coordinates are
+q_m = eta^-1 q_m^m, motor torques u = eta^T tau_m^m, so that a frequency response of motors is G^a = eta^-1 G^m eta^-T.
+
+Spring s turns the joints by x_s k_s^-1 per torque x_s^T tau: compliances of springs in series, before, between and
+after the stages of the gears, add,
+
+.. math:: K_a^{-1} = \sum_s x_s k_s^{-1} x_s^T, \qquad D_a = K_a \Big( \sum_s x_s \frac{d_s}{k_s^2} x_s^T \Big) K_a
+
+the damping to first order in omega d / k, below which a gearbox stays. Where there are no more springs than joints,
+K_a = Z^T K Z with Z = X^-1, eta before the gears, 1 after them, exactly linear in each k, as is D_a: eqs. (2.24),
+(2.26) to (2.30). Where there are fewer, since some of the coupled gears have no spring, the rigid directions are
+constraints, N^T delta = 0 with N^T X = 0, and K_a acts on the deflections that X spans.
+
+A rotor that rides on a body adds the inertial coupling S and the Coriolis terms C_1 and C_2 of the complete model:
+
+.. math:: T = \tfrac12 \sum_i J_i w_i^2, \qquad w_i = a_i \cdot \omega_{carrier,i}(q_l, \dot q_l) + (\eta\, \dot q_m)_i
+
+Each rotor is symmetric about its axis a_i, fixed to its carrier, and turns with q_m relative to it. With Y = dw/dv the
+equations of motion get
+
+.. math:: M = Y^T J\, Y, \qquad S = \partial^2 T / \partial \dot q_l\, \partial \dot q_m, \qquad
+          c = Y^T J\, \dot w|_{\dot v = 0} + \dot Y^T J w - (\partial w / \partial q)^T J w
+
+Niglis & Oberg (2015), eqs. (2.22), (3.1), (3.4): c is C_1 in the rows of the links, at most linear in q_m', and C_2 in
+those of the motors, free of q_m'. S is strictly upper triangular only where motor i rides on link i - 1, which is not
+so in eq. (3.2).
+"""
 
 from __future__ import annotations
 
@@ -115,7 +148,7 @@ def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> t
     """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), compliances added."""
     X, to_q, K_a = ca.DM(box.X), ca.DM(delta), _series_stiffness(box, theta)
     slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
-    losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))
+    losses = sum((slow * X[:, s] @ X[:, s].T for s, slow in enumerate(slowness)), start=ca.SX(0))
     return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
 
 

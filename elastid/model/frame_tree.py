@@ -35,7 +35,7 @@ class BodyFrame:
 
 @dataclass(frozen=True)
 class Attachment:
-    """Where a body sits: the frame that carries it (-1: the base), rotation and origin of its own axes in there."""
+    """Seat of a body: the frame that carries it (-1: the base), rotation and origin of its own axes in there."""
 
     frame: int
     R: FloatArray
@@ -76,9 +76,9 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
     """A point of the description: numbers, or the symbols of those of its coordinates name_x, ... that theta has."""
     names = [f"{name}_{axis}" for axis in "xyz"]
-    if not any(each in theta for each in names):
+    if not any(name in theta for name in names):
         return np.array(xyz, dtype=float)
-    return ca.vertcat(*(theta.get(each, number) for each, number in zip(names, xyz, strict=True)))
+    return ca.vertcat(*(theta.get(name, number) for name, number in zip(names, xyz, strict=True)))
 
 
 def _placed(parent: Attachment, placement: Placement, xyz: Point = None) -> Attachment:
@@ -167,26 +167,23 @@ def _turn(frame: BodyFrame, q: ca.SX) -> Turn:
 
 
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
-    """Where a body sits in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
-    if body == BASE:
-        return Attachment(-1, np.eye(3), np.zeros(3))
-    for candidate, attachment in zip(robot.all_bodies, layout.attachments, strict=True):
-        if candidate.name == body:
-            return attachment
-    raise KeyError(
-        f"robot {robot.name} has no body {body}; there are {BASE}, {', '.join(b.name for b in robot.all_bodies)}"
-    )
+    """The seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
+    seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
+    seats |= {part.name: place for part, place in zip(robot.all_bodies, layout.attachments, strict=True)}
+    if body not in seats:
+        raise KeyError(f"robot {robot.name} has no body {body}; there are {', '.join(seats)}")
+    return seats[body]
 
 
 def position(
-    layout: Tree, turned: Sequence[Turn], at: Attachment, point: Point | Sequence[float], seen_from: int = -1
+    layout: Tree, turned: Sequence[Turn], seat: Attachment, point: Point | Sequence[float], seen_from: int = -1
 ) -> ca.SX:
     """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
 
-    at: where the body sits.  turned: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
+    seat: of the body.  turned: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
     """
-    p = ca.SX(at.p) + ca.DM(at.R) @ ca.vertcat(point)
-    frame = at.frame
+    p = ca.SX(seat.p) + ca.DM(seat.R) @ ca.vertcat(point)
+    frame = seat.frame
     while frame != seen_from:
         p = turned[frame].origin + ca.DM(layout.frames[frame].R) @ turned[frame].forth(p)
         frame = layout.frames[frame].parent
@@ -195,8 +192,8 @@ def position(
 
 def last_common(layout: Tree, first: int, second: int) -> int:
     """The last frame that carries both frames, itself included; -1 where only the base does."""
-    below = set(_chain(layout, first))
-    return next((frame for frame in _chain(layout, second) if frame in below), -1)
+    below = set(carriers(layout, first))
+    return next((frame for frame in carriers(layout, second) if frame in below), -1)
 
 
 def between(
@@ -207,11 +204,10 @@ def between(
 ) -> ca.SX:
     """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)
-    start, end = (position(layout, turned, at, point, frame) for at, point in (first, second))
-    return end - start
+    return position(layout, turned, *second, frame) - position(layout, turned, *first, frame)
 
 
-def _chain(layout: Tree, frame: int) -> list[int]:
+def carriers(layout: Tree, frame: int) -> list[int]:
     """The frame and all that carry it, the base left out."""
     frames = []
     while frame >= 0:

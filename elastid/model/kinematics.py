@@ -1,32 +1,87 @@
-r"""Kinematics of many postures: positions of joints, centres of mass and points of bodies, frames, their Jacobians.
+r"""Kinematics of many postures in NumPy: skeleton, frames, their Jacobians, and motions that no mass resists.
 
-.. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N]
+.. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N], \qquad
+          M = \sum_{bodies} m J_v^T J_v + J_\omega^T I_c J_\omega + \sum_{rigid\ gears} e J_m r^2 e^T
 
 Niglis & Oberg (2015), eqs. (2.1), (2.3), (2.4), (2.6); their J is the analytic Jacobian, this one the geometric one.
-In NumPy. Where driven joints alone are given, elastic joints that are not driven stand at 0. All
-in the axes of the base, SI. `ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
+Where driven joints alone are given, elastic joints that are not driven stand at 0. All in the axes of the base, SI.
+`ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.frame_tree import Attachment, Tree, tree
-from elastid.model.parallel_linkage.closed_posture import followed, rates
-from elastid.model.skeleton import Knot, knots
-from elastid.robot import TOOL, Robot
+from elastid.model.frame_tree import Attachment, Tree, carriers, tree
+from elastid.model.parallel_linkage.closed_posture import followed, mechanism, rates
+from elastid.robot import BASE, TOOL, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Knot:
+    """A point: local (3,) in the axes of a joint's frame, -1 for the base.  owner: the body, joint or frame.
+
+    behind: the knot that a straight link leads here from, -1 for the first one, the base.
+    """
+
+    kind: Literal["base", "joint", "body", "center of mass", "point", "frame"]
+    owner: str
+    frame: int
+    local: FloatArray
+    behind: int
+    number: int = 0
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        if self.kind == "base":
+            return "base"
+        if self.kind == "point":
+            return f"point {self.number} of {self.owner}"
+        return f"{self.kind}{' of' if self.kind == 'center of mass' else ''} {self.owner}"
+
+
+def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[float]]]) -> list[Knot]:
+    """The base first, then body by body, then the frames.  further: body name to points in the body's own axes."""
+    points = [Knot("base", BASE, -1, np.zeros(3), -1)]
+    origin = {BASE: 0}
+    points += _points(Attachment(-1, np.eye(3), np.zeros(3)), BASE, 0, further)
+    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
+        # A body's joints start from one origin, but for those at a point of their own.
+        first = seat.frame - len(body.joints) + 1
+        for i, joint in enumerate(body.joints):
+            if i == 0 or any(joint.point):
+                above = origin.get(body.name, origin[body.parent])
+                points.append(Knot("joint", joint.name, first + i, np.zeros(3), above))
+                origin[body.name] = len(points) - 1
+        if not body.joints or any(body.mounting.xyz) or any(any(joint.point) for joint in body.joints):
+            above = origin.get(body.name, origin[body.parent])
+            points.append(Knot("body", body.name, seat.frame, seat.p, above))
+            origin[body.name] = len(points) - 1
+        center = seat.p + seat.R @ np.array(body.center_of_mass)
+        points.append(Knot("center of mass", body.name, seat.frame, center, origin[body.name]))
+        points += _points(seat, body.name, origin[body.name], further)
+    for frame, seat in zip(robot.frames, layout.named, strict=True):
+        points.append(Knot("frame", frame.name, seat.frame, seat.p, origin[frame.body]))
+    return points
+
+
+def _points(seat: Attachment, body: str, behind: int, further: Mapping[str, Sequence[Sequence[float]]]) -> list[Knot]:
+    points = enumerate(further.get(body, ()), start=1)
+    return [Knot("point", body, seat.frame, seat.p + seat.R @ np.array(p), behind, i) for i, p in points]
 
 
 @dataclass(frozen=True)
 class Skeleton:
     """Points of a robot in Q postures and the straight links between them.
 
-    points (Q, n, 3).  names: of each point, in words.  links: pairs of points.  moves (n,): whether any joint moves it.
+    points (Q, n, 3).  names: of each point, in words.  links: pairs of points.  moves (n,): any joint does.
     tool: the point that is the last centre of mass.
     """
 
@@ -66,9 +121,8 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
 
 
 def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
-    named = dict(zip((frame.name for frame in robot.frames), layout.named, strict=True))
-    bodies = dict(zip((body.name for body in robot.all_bodies), layout.attachments, strict=True))
-    seats = bodies | named
+    seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
+    seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}
     if name not in seats:
         raise StudyError(f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}")
     return seats[name]
@@ -79,7 +133,7 @@ def point_jacobians(
 ) -> FloatArray:
     """J (Q, 6, n_l) of a point (Q, 3) to each joint below the frame that carries it (-1: the base)."""
     J = np.zeros((len(point), 6, len(layout.frames)))
-    for i in _chain(layout, carrier):
+    for i in carriers(layout, carrier):
         axis = R[i][:, :, layout.frames[i].axis]
         if layout.frames[i].slides:
             J[:, :3, i] = axis
@@ -97,18 +151,18 @@ def skeleton(
     """
     layout = tree(robot)
     R, p = frames(layout, link_angles(robot, angles))
-    found = knots(robot, layout, further or {})
+    points = knots(robot, layout, further or {})
     return Skeleton(
-        np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in found], axis=1),
-        tuple(knot.name for knot in found),
-        tuple((knot.behind, i) for i, knot in enumerate(found) if knot.behind >= 0),
-        np.array([_moves(layout, knot) for knot in found]),
-        max(i for i, knot in enumerate(found) if knot.kind == "center of mass"),
+        np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in points], axis=1),
+        tuple(knot.name for knot in points),
+        tuple((knot.behind, i) for i, knot in enumerate(points) if knot.behind >= 0),
+        np.array([_moves(layout, knot) for knot in points]),
+        max(i for i, knot in enumerate(points) if knot.kind == "center of mass"),
     )
 
 
 def _moves(layout: Tree, knot: Knot) -> bool:
-    """Whether any joint moves it; a joint's own turning does not move its origin."""
+    """True if any joint moves it; a joint's own turning does not move its origin."""
     if knot.kind == "joint":
         return layout.frames[knot.frame].parent >= 0 or layout.frames[knot.frame].slides
     return knot.frame >= 0
@@ -138,11 +192,10 @@ def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArr
     """Rotation (Q, 3, 3) and origin (Q, 3) of each joint's frame in the base frame."""
     R: list[FloatArray] = []
     p: list[FloatArray] = []
-    Q = len(q)
+    base = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
     for i, frame in enumerate(layout.frames):
-        parent_R = R[frame.parent] if frame.parent >= 0 else np.broadcast_to(np.eye(3), (Q, 3, 3))
-        parent_p = p[frame.parent] if frame.parent >= 0 else np.zeros((Q, 3))
-        slid = q[:, i, None] * frame.R[:, frame.axis] if frame.slides else np.zeros((Q, 3))
+        parent_R, parent_p = (R[frame.parent], p[frame.parent]) if frame.parent >= 0 else base
+        slid = q[:, i, None] * frame.R[:, frame.axis] if frame.slides else np.zeros_like(base[1])
         turn = np.eye(3) if frame.slides else _turn(frame.axis, q[:, i])
         R.append(parent_R @ frame.R @ turn)
         p.append(parent_p + (parent_R @ (frame.p + slid)[..., None])[..., 0])
@@ -166,9 +219,29 @@ def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArr
     return np.asarray(p[frame] + R[frame] @ local)
 
 
-def _chain(layout: Tree, frame: int) -> set[int]:
-    below = set()
-    while frame >= 0:
-        below.add(frame)
-        frame = layout.frames[frame].parent
-    return below
+def joint_without_inertia(robot: Robot, q: FloatArray) -> int | None:
+    """The joint with most of a motion from q (n_l,) that moves no inertia; None where M is positive definite.
+
+    Loops are kept closed, rods that stretch included.
+    """
+    layout = tree(robot)
+    R, p = frames(layout, q[None])
+    M = np.diag([_rotor(robot, i) for i in range(len(robot.joints))])
+    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
+        if seat.frame >= 0:
+            center = placed(R, p, seat.frame, seat.p + seat.R @ np.array(body.center_of_mass), 1)
+            J = point_jacobians(layout, R, p, seat.frame, center)[0]
+            axes = R[seat.frame][0] @ seat.R
+            M += body.mass * J[:3].T @ J[:3] + J[3:].T @ axes @ body.inertia_matrix @ axes.T @ J[3:]
+    if robot.loops:
+        _, Phi = mechanism(robot).rows(q[None])
+        M = M + Phi[0].T @ Phi[0]
+    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
+    eigenvalues, motions = np.linalg.eigh(M / np.outer(scale, scale))
+    return int(np.argmax(np.abs(motions[:, 0]))) if eigenvalues[0] <= 1e-12 else None
+
+
+def _rotor(robot: Robot, i: int) -> float:
+    """The inertia of a joint's rotor, link side; 0 behind a spring, where it moves by itself."""
+    joint = robot.joints[i]
+    return 0.0 if joint.motor is None or joint in robot.flexible else joint.motor.inertia * joint.motor.ratio**2

@@ -61,14 +61,6 @@ class Equations:
     strains: tuple[Strain, ...]
 
 
-def coordinates_of(robot: Robot) -> tuple[str, ...]:
-    """`joint <name>` of every joint in the robot's order, then `motor <name>` of every flexible joint."""
-    return (
-        *(f"joint {joint.name}" for joint in robot.joints),
-        *(f"motor {joint.name}" for joint in robot.flexible),
-    )
-
-
 def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     """The equations of the tree of bodies: all joints, then the motors of flexible joints.
 
@@ -76,7 +68,8 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     that are symbols in them; other names have no effect.
     """
     table = robot.parameters(geometry)
-    coordinates = coordinates_of(robot)
+    motors = (f"motor {joint.name}" for joint in robot.flexible)
+    coordinates = (*(f"joint {joint.name}" for joint in robot.joints), *motors)
     n_q, n_l = len(coordinates), len(robot.joints)
     q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
     named = dict(zip(table, ca.vertsplit(theta), strict=True))
@@ -116,75 +109,78 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     )
 
 
-def by_name(of: Equations) -> dict[str, ca.SX]:
+def by_name(equations: Equations) -> dict[str, ca.SX]:
     """The symbol of each parameter."""
-    return dict(zip(of.parameters, ca.vertsplit(of.theta), strict=True))
+    return dict(zip(equations.parameters, ca.vertsplit(equations.theta), strict=True))
 
 
-def with_coordinates(of: Equations, names: Sequence[str]) -> Equations:
+def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
     """The same with further coordinates at the end, which nothing moves or holds yet."""
     more = len(names)
     if not more:
-        return of
+        return equations
     return replace(
-        of,
-        coordinates=(*of.coordinates, *names),
-        q=ca.vertcat(of.q, ca.SX.sym("s", more)),
-        v=ca.vertcat(of.v, ca.SX.sym("s_rate", more)),
-        M=ca.diagcat(of.M, ca.SX(more, more)),
-        f=ca.vertcat(of.f, ca.SX(more, 1)),
-        D=ca.diagcat(of.D, ca.SX(more, more)),
-        J=ca.horzcat(of.J, ca.SX(of.J.size1(), more)),
-        B=np.vstack([of.B, np.zeros((more, of.B.shape[1]))]),
+        equations,
+        coordinates=(*equations.coordinates, *names),
+        q=ca.vertcat(equations.q, ca.SX.sym("s", more)),
+        v=ca.vertcat(equations.v, ca.SX.sym("s_rate", more)),
+        M=ca.diagcat(equations.M, ca.SX(more, more)),
+        f=ca.vertcat(equations.f, ca.SX(more, 1)),
+        D=ca.diagcat(equations.D, ca.SX(more, more)),
+        J=ca.horzcat(equations.J, ca.SX(equations.J.size1(), more)),
+        B=np.vstack([equations.B, np.zeros((more, equations.B.shape[1]))]),
     )
 
 
-def with_strains(of: Equations, *strains: Strain) -> Equations:
-    """The same with the strains of further springs, or others in the place of those of the same springs."""
-    by_spring = {strain.spring: strain for strain in (*of.strains, *strains)}
-    return replace(of, strains=tuple(by_spring.values()))
+def with_strains(equations: Equations, *strains: Strain) -> Equations:
+    """The same with the strains of further springs, which replace those of the same springs."""
+    by_spring = {strain.spring: strain for strain in (*equations.strains, *strains)}
+    return replace(equations, strains=tuple(by_spring.values()))
 
 
-def with_energies(of: Equations, V: ca.SX, D: ca.SX) -> Equations:
+def with_energies(equations: Equations, V: ca.SX, D: ca.SX) -> Equations:
     """The same with a further potential V(q) and dissipation v^T D(q) v / 2."""
-    return replace(of, V=of.V + V, D=of.D + D, f=of.f + ca.gradient(V, of.q) + D @ of.v)
+    return replace(
+        equations, V=equations.V + V, D=equations.D + D, f=equations.f + ca.gradient(V, equations.q) + D @ equations.v
+    )
 
 
-def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
+def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
     """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
-    table = robot.parameters(of.parameters)
-    q, v, theta = of.q, of.v, of.theta
-    lambda_, turning = ca.SX.sym("lambda", of.phi.size1()), 3 * len(robot.all_bodies)
-    K = ca.hessian(of.V + ca.dot(lambda_, of.phi), q)[0]
+    table = robot.parameters(equations.parameters)
+    # c (n_s,) and b (n_s, n_q) of all springs.
+    stiffness = ca.vertcat(ca.SX(0, 1), *(strain.stiffness for strain in equations.strains))
+    deflection = ca.vertcat(ca.SX(0, 1), *(strain.deflection for strain in equations.strains))
+    strain = {"c": stiffness, "b": ca.jacobian(deflection, equations.q)}
+    q, v, theta = equations.q, equations.v, equations.theta
+    lambda_, turning = ca.SX.sym("lambda", equations.phi.size1()), 3 * len(robot.all_bodies)
+    K = ca.hessian(equations.V + ca.dot(lambda_, equations.phi), q)[0]
     return ElasticModel(
         robot=robot,
-        coordinates=of.coordinates,
+        coordinates=equations.coordinates,
         inputs=robot.motor_locations,
         parameters=tuple(table),
         theta=np.array([value for value, _ in table.values()]),
-        B=of.B,
-        mass=_function("mass", {"q": q, "theta": theta}, {"M": of.M}),
-        force=_function("force", {"q": q, "v": v, "theta": theta}, {"f": of.f}),
-        constraint=_function("constraint", {"q": q, "theta": theta}, {"phi": of.phi}),
-        damping=_function("damping", {"q": q, "theta": theta}, {"D": of.D}),
+        B=equations.B,
+        mass=_function("mass", {"q": q, "theta": theta}, {"M": equations.M}),
+        force=_function("force", {"q": q, "v": v, "theta": theta}, {"f": equations.f}),
+        constraint=_function("constraint", {"q": q, "theta": theta}, {"phi": equations.phi}),
+        damping=_function("damping", {"q": q, "theta": theta}, {"D": equations.D}),
         stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
-        potential_gradient=_function("potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(of.V, q)}),
-        potential=_function("potential", {"q": q, "theta": theta}, {"V": of.V}),
-        constraint_jacobian=_function("constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(of.phi, q)}),
+        potential_gradient=_function(
+            "potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(equations.V, q)}
+        ),
+        potential=_function("potential", {"q": q, "theta": theta}, {"V": equations.V}),
+        constraint_jacobian=_function(
+            "constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(equations.phi, q)}
+        ),
         independent=independent,
-        angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
-        frame_velocity=_function("frame_velocity", {"q": q, "theta": theta}, {"J": of.J[turning:, :]}),
-        frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),
-        springs=tuple(strain.spring for strain in of.strains),
-        strain=_function("strain", {"q": q, "theta": theta}, _strain(of)),
+        angular_velocity=_function("angular_velocity", {"q": q}, {"J": equations.J[:turning, :]}),
+        frame_velocity=_function("frame_velocity", {"q": q, "theta": theta}, {"J": equations.J[turning:, :]}),
+        frame_gravity=_function("frame_gravity", {"q": q}, {"g": equations.gravity}),
+        springs=tuple(strain.spring for strain in equations.strains),
+        strain=_function("strain", {"q": q, "theta": theta}, strain),
     )
-
-
-def _strain(of: Equations) -> dict[str, ca.SX]:
-    """c (n_s,) and b (n_s, n_q) of all springs."""
-    stiffness = ca.vertcat(ca.SX(0, 1), *(strain.stiffness for strain in of.strains))
-    deflection = ca.vertcat(ca.SX(0, 1), *(strain.deflection for strain in of.strains))
-    return {"c": stiffness, "b": ca.jacobian(deflection, of.q)}
 
 
 def _function(name: str, arguments: dict[str, ca.SX], value: dict[str, ca.SX]) -> ca.Function:

@@ -1,4 +1,11 @@
-"""Rigid bodies as a tree: velocities, mass matrix, bias forces, and torques of a rigid motion, in CasADi."""
+r"""Rigid bodies as a tree: velocities, mass matrix, bias forces, and torques of a rigid motion, in CasADi.
+
+.. math:: M(q)\, a + c(q, v) + g(q) = \tau, \qquad \tau_{ext} = J(q)^T w
+
+Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Recursions in joint frames: M by composite rigid bodies, c + g by
+Newton-Euler (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), on 3-vectors. M is linear in masses
+and inertias, g in masses. An elastic joint is a joint like any other here.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.frame_tree import Attachment, BodyFrame, Tree, Turn, tree, turns
+from elastid.model.frame_tree import Attachment, BodyFrame, Tree, Turn, carriers, tree, turns
 from elastid.robot import Body, Robot
 
 
@@ -143,7 +150,7 @@ def bias(
         if parent >= 0:
             moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], turned[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
-    return ca.vertcat(*(_along(*each) for each in zip(layout.frames, moments, forces, strict=True)))
+    return ca.vertcat(*map(_along, layout.frames, moments, forces))
 
 
 def _unit(axis: int) -> ca.DM:
@@ -157,7 +164,7 @@ class Rates:
     angular: ca.SX
     linear: ca.SX
 
-    def at(self, seat: Attachment) -> Rates:
+    def seated(self, seat: Attachment) -> Rates:
         """Those of axes fixed in the frame at a seat."""
         R = ca.DM(seat.R.T)
         across = ca.DM(_skew(seat.p)) if isinstance(seat.p, np.ndarray) else ca.skew(seat.p)
@@ -168,15 +175,15 @@ def rates(layout: Tree, turned: tuple[Turn, ...]) -> tuple[Rates, ...]:
     """The Jacobians of every joint's frame; last, of the base, which does not move."""
     n = len(layout.frames)
     still = Rates(ca.SX(3, n), ca.SX(3, n))
-    found: list[Rates] = []
+    moving: list[Rates] = []
     for i, (frame, turn) in enumerate(zip(layout.frames, turned, strict=True)):
-        below, R = found[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
+        below, R = moving[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         angular = _back(turn, R @ below.angular)
         linear = _back(turn, R @ (below.linear - ca.skew(turn.origin) @ below.angular))
         moved = linear if frame.slides else angular
         moved[frame.axis, i] += 1
-        found.append(Rates(angular, linear))
-    return (*found, still)
+        moving.append(Rates(angular, linear))
+    return (*moving, still)
 
 
 def _back(turn: Turn, J: ca.SX) -> ca.SX:
@@ -185,23 +192,23 @@ def _back(turn: Turn, J: ca.SX) -> ca.SX:
 
 def angular_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
     """J (3 n_bodies, n): J v stacks the absolute angular velocity of each body, in the body's own axes."""
-    return ca.vertcat(*(moving[seat.frame].at(seat).angular for seat in layout.attachments))
+    return ca.vertcat(*(moving[seat.frame].seated(seat).angular for seat in layout.attachments))
 
 
 def frame_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
     """J (6 n_f, n): J v stacks velocity of the origin and angular velocity of each named frame, in its own axes."""
-    each = [moving[seat.frame].at(seat) for seat in layout.named]
-    return ca.vertcat(ca.SX(0, len(layout.frames)), *(part for J in each for part in (J.linear, J.angular)))
+    velocities = [moving[seat.frame].seated(seat) for seat in layout.named]
+    return ca.vertcat(ca.SX(0, len(layout.frames)), *(part for J in velocities for part in (J.linear, J.angular)))
 
 
 def gravity_in_frames(layout: Tree, turned: tuple[Turn, ...], gravity: FloatArray) -> ca.SX:
     """Gravity (3 n_f,) in the axes of each named frame."""
-    seen: list[ca.SX] = []
+    g: list[ca.SX] = []
     for frame, turn in zip(layout.frames, turned, strict=True):
-        above = seen[frame.parent] if frame.parent >= 0 else ca.SX(ca.DM(gravity))
-        seen.append(turn.back(ca.DM(frame.R.T) @ above))
-    seen.append(ca.SX(ca.DM(gravity)))
-    return ca.vertcat(ca.SX(0, 1), *(ca.DM(seat.R.T) @ seen[seat.frame] for seat in layout.named))
+        above = g[frame.parent] if frame.parent >= 0 else ca.SX(ca.DM(gravity))
+        g.append(turn.back(ca.DM(frame.R.T) @ above))
+    g.append(ca.SX(ca.DM(gravity)))
+    return ca.vertcat(ca.SX(0, 1), *(ca.DM(seat.R.T) @ g[seat.frame] for seat in layout.named))
 
 
 def _skew(p: FloatArray) -> FloatArray:
@@ -246,10 +253,10 @@ def regressor(robot: Robot) -> ca.Function:
 def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "base") -> ca.Function:
     """tau(q, w) (n_l,): generalised forces of a wrench w (6,) = [force in N, moment in Nm] at a named frame's origin.
 
-    axes: in which w is given.  In the equations it stands on the right, beside B u, zero for the motors' coordinates.
+    axes: in which w is given.  In the equations it stands on the right, next to B u, zero for the motors' coordinates.
     StudyError where the robot has no such frame.
     """
-    names = [each.name for each in robot.frames]
+    names = [named.name for named in robot.frames]
     if frame not in names:
         raise StudyError(f"robot {robot.name} has no frame {frame}; there are {', '.join(names) or 'none'}")
     q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
@@ -261,11 +268,7 @@ def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "
 
     def own(vector: ca.SX) -> ca.SX:
         """A vector of the base in the frame's axes."""
-        chain, i = [], seat.frame
-        while i >= 0:
-            chain.append(i)
-            i = layout.frames[i].parent
-        for i in reversed(chain):
+        for i in reversed(carriers(layout, seat.frame)):
             vector = turned[i].back(ca.DM(layout.frames[i].R.T) @ vector)
         return ca.DM(seat.R.T) @ vector
 

@@ -1,4 +1,23 @@
-"""Nonlinear springs and gravity compensators: potentials, torques, deflection and stored energy in a small motion."""
+r"""Nonlinear springs and gravity compensators: potentials, torques, deflection and stored energy in a small motion.
+
+.. math:: V = \tfrac13 k_2 \Delta^3 + \tfrac13 k_{2s} |\Delta|^3 + \tfrac14 k_3 \Delta^4
+              - \tfrac12 (k - k_i) [F(\Delta + b) - F(\Delta - b) - 2 F(b)], \qquad
+          F(x) = \tfrac12 [x \sqrt{x^2 + e^2} + e^2 \,\mathrm{arsinh}(x / e)]
+
+with F' = sqrt(x^2 + e^2), so that the last term takes the torque of the gap from a linear spring. The torque
+is written out rather than differentiated: a simulation evaluates it at every step. Law and names: `robot.spring`;
+the polynomial: Niglis & Oberg (2015), eq. (2.13).
+
+A compensator at the distance L between its two points has the potential
+
+.. math:: V_{coil} = \tfrac12 k_c (L - L_0)^2, \qquad
+          V_{gas} = F_0 h_0 \int_0^1 \ell\, e^{(\kappa - 1) \ell t}\, dt, \quad \ell = \ln (h_0 / h), \quad
+          h = h_0 + s (L - L_0)
+
+Their torque -dV/dq is tau_g of Niglis & Oberg (2015), eq. (2.32). s = 1 for a strut that pushes, -1 for a cylinder that
+draws; the integral is [(h_0 / h)^(kappa - 1) - 1] / (kappa - 1), which is 0 / 0 at kappa = 1. dV/dq = (dV/dL) / (2 L)
+d(L^2)/dq is written out: a simulation evaluates it at every step.
+"""
 
 from __future__ import annotations
 
@@ -47,13 +66,8 @@ def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
     return np.array([values[f"k_{name[3:]}"] if name.startswith("ki_") else value for name, value in values.items()])
 
 
-def tangents(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-    """d tau / d Delta of each joint's spring, by joint: the stiffness that small motion about q meets."""
-    return tangents_at(deflections(robot, q), theta)
-
-
-def tangents_at(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-    """The same at given deflections, by joint."""
+def tangents(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """d tau / d Delta of each joint's spring at its deflection, by joint: the stiffness that small motion meets."""
     x = ca.SX.sym("x")
     stiffness = {name: theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x) for name in deflection}
     return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
@@ -95,15 +109,14 @@ class Strain:
 
 def strains_of_joints(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[Strain, ...]:
     """The springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols."""
-    tangent, shafts = tangents(robot, q, theta), spring_deflections(robot)
-    terms = [Strain(f"k_{joint}", tangent[joint], x) for joint, x in deflections(robot, q).items()]
+    deflection, shafts = deflections(robot, q), spring_deflections(robot)
+    tangent = tangents(deflection, theta)
+    terms = [Strain(f"k_{joint}", tangent[joint], x) for joint, x in deflection.items()]
     terms += [Strain(name, theta[name], ca.DM(z).T @ q) for name, z in shafts.items() if name.startswith("km_")]
     series = series_torques(robot, theta)
     return (*terms, *(Strain(name, 1 / theta[name], torque @ q) for name, torque in series.items()))
 
 
-# m: two points that meet are kept this far apart, so that a coil without rest length has its derivatives there too.
-APART = 1e-9
 # Nodes of Gauss and Legendre for the gas: exact to 1e-14 for columns that change by a factor of 5.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
@@ -119,7 +132,8 @@ def compensators(
             for i, end in enumerate(compensator.ends, start=1)
         )
         square = ca.sumsqr(between(layout, turned, first, second))
-        L = ca.sqrt(square + APART**2)
+        # Two points that meet are 1 nm apart, so that a coil without rest length has its derivatives there too.
+        L = ca.sqrt(square + 1e-9**2)
         energy, force = (_coil if compensator.coil is not None else _gas)(compensator, L, theta)
         V += energy
         gradient += force / (2 * L) * ca.gradient(square, q)

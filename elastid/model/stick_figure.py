@@ -13,8 +13,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.model.frame_tree import tree
-from elastid.model.kinematics import frames, placed, point_jacobians
-from elastid.model.skeleton import knots
+from elastid.model.kinematics import frames, knots, placed, point_jacobians
 from elastid.robot import Robot
 
 StickKind: TypeAlias = Literal["arm", "mass", "strut"]
@@ -25,7 +24,7 @@ class StickFigure:
     """points (n, 3) in the base frame, m; jacobian (n, 3, n_l): their velocities per rate of each joint.
 
     links: pairs of points and the kind of link: an arm, the way to a centre of mass where the arm ends, or a rod
-    or strut between two bodies.  joints: which points are joints.
+    or strut between two bodies.  joints: the points that are joints.
     """
 
     points: FloatArray
@@ -41,19 +40,19 @@ def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
     # Centres of mass only where nothing else shows how far a body reaches.
     carriers = {body.parent for body in robot.all_bodies} | {frame.body for frame in robot.frames}
     every = knots(robot, layout, anchors)
-    shown = [i for i, knot in enumerate(every) if knot.kind != "center of mass" or knot.of not in carriers]
-    kept = [every[i] for i in shown]
+    shown = [i for i, knot in enumerate(every) if knot.kind != "center of mass" or knot.owner not in carriers]
+    visible = [every[i] for i in shown]
     R, p = frames(layout, np.asarray(q, dtype=float)[None])
-    points = [placed(R, p, knot.frame, knot.local, 1) for knot in kept]
-    J = [point_jacobians(layout, R, p, knot.frame, at) for knot, at in zip(kept, points, strict=True)]
+    points = [placed(R, p, knot.frame, knot.local, 1) for knot in visible]
+    J = [point_jacobians(layout, R, p, knot.frame, point) for knot, point in zip(visible, points, strict=True)]
     links: list[tuple[int, int, StickKind]] = [
         (shown.index(knot.behind), i, "mass" if knot.kind == "center of mass" else "arm")
-        for i, knot in enumerate(kept)
+        for i, knot in enumerate(visible)
         if knot.behind >= 0
     ]
-    number = {(knot.of, knot.number): i for i, knot in enumerate(kept) if knot.kind == "point"}
+    number = {(knot.owner, knot.number): i for i, knot in enumerate(visible) if knot.kind == "point"}
     links += [(number[first], number[second], "strut") for first, second in ends]
-    joints = tuple(i for i, knot in enumerate(kept) if knot.kind == "joint")
+    joints = tuple(i for i, knot in enumerate(visible) if knot.kind == "joint")
     return StickFigure(np.concatenate(points), np.concatenate(J)[:, :3], tuple(links), joints)
 
 

@@ -191,13 +191,11 @@ class MeasuredRange:
             ends = getattr(self, name)
             if ends is not None and not ends[0] <= ends[1]:
                 raise ValueError(f"measured: {name} is [{ends[0]:g}, {ends[1]:g}]; give [lowest, highest]")
-        for name in ("speed", "load"):
-            ends = getattr(self, name)
-            if ends is not None:
+            if ends is not None and name != "temperature":
                 require_not_negative(f"measured: {name}", ends[0])
 
     def beyond(self, name: str, lowest: float, highest: float) -> bool:
-        """Whether `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
+        """True if `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
         ends = getattr(self, name)
         if ends is None:
             return False
@@ -272,11 +270,11 @@ class Friction:
 
     @property
     def has_variable_stiction(self) -> bool:
-        """Whether load or temperature change F_s by other amounts than F_c, over nu_s."""
-        load = self.load if self.load is not None and self.load.stribeck_velocity is None else None
-        return (load is not None and load.of_stiction != load.coulomb) or (
-            self.temperature is not None and self.temperature.stiction != 0
-        )
+        """True if load or temperature change F_s by other amounts than F_c, over nu_s."""
+        load, temperature = self.load, self.temperature
+        if load is not None and load.stribeck_velocity is None and load.of_stiction != load.coulomb:
+            return True
+        return temperature is not None and temperature.stiction != 0
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
         """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).

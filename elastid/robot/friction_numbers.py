@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import of_translation
-from elastid.robot.friction import Friction, MaxwellSlip
+from elastid.robot.friction import Friction
 from elastid.robot.joint import Joint
-from elastid.robot.motor import Motor
-from elastid.robot.named_numbers import Path, at, replaced
+from elastid.robot.named_numbers import Path, number_at, replaced
 from elastid.robot.robot import Robot
 
 
@@ -27,7 +26,7 @@ from elastid.robot.robot import Robot
 class FrictionTerm:
     """One number of a law: `path` in the file, the beginning of its name, symbol, meaning, unit of what turns.
 
-    power: link side = |n|^power motor side.  turns: whether it changes sign with a motor that turns the other way.
+    power: link side = |n|^power motor side.  turns: it changes sign with a motor that turns the other way.
     """
 
     path: str
@@ -74,47 +73,52 @@ TERMS: dict[str, FrictionTerm] = {
     )
 }  # fmt: skip
 
-# Numbers of a law that have no name, moved through a gear with the others.
-_UNNAMED = {"lugre.damping_velocity": -1}
-
 
 def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
     """A law of the link side on the side of a motor with ratio n, or of the motor on the link side."""
     scale = 1 / abs(n) if to_motor else abs(n)
     powers = {term.path: (term.power, term.turns) for term in TERMS.values() if term.path != "viscous"}
-    powers |= {path: (power, False) for path, power in _UNNAMED.items()}
+    powers["lugre.damping_velocity"] = (-1, False)  # has no name, and is moved with the others
     values: dict[Path, float] = {}
     for path, (power, turns) in powers.items():
         keys: Path = tuple(path.split("."))
         if _present(friction, keys):
-            values[keys] = at(friction, keys) * scale**power * (-1.0 if turns and n < 0 else 1.0)
+            values[keys] = number_at(friction, keys) * scale**power * (-1.0 if turns and n < 0 else 1.0)
     moved: Friction = replaced(friction, values)
     slip, measured = friction.maxwell_slip, friction.measured
     if measured is not None:
-        speed = None if measured.speed is None else _scaled(measured.speed, 1 / scale)
-        load = None if measured.load is None else _scaled(measured.load, scale)
+        speed, load = _scaled(measured.speed, 1 / scale), _scaled(measured.load, scale)
         moved = replace(moved, measured=replace(measured, speed=speed, load=load))
-    return moved if slip is None else replace(moved, maxwell_slip=_slip(slip, scale))
+    if slip is None:
+        return moved
+    stiffness = tuple(scale**2 * k for k in slip.stiffness)
+    damping = tuple(scale**2 * d for d in slip.damping)
+    slip = replace(slip, stiffness=stiffness, damping=damping, attraction=scale * slip.attraction)
+    return replace(moved, maxwell_slip=slip)
 
 
 def law_of(robot: Robot, joint: str) -> Friction | None:
     """The law at the motor of a joint, on the link side; None where it has none."""
-    motor = next(each.motor for each in robot.driven if each.name == joint)
-    law = None if motor is None else _law(motor)
+    motor = next(driven.motor for driven in robot.driven if driven.name == joint)
+    law = None if motor is None else motor.dry_friction
     return None if law is None or motor is None else through_gear(law, motor.ratio, to_motor=False)
 
 
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
     """Value and unit, link side, of each number that the friction of the robot's motors has."""
-    found: dict[str, tuple[float, str]] = {}
+    numbers: dict[str, tuple[float, str]] = {}
     for joint in robot.driven:
-        if joint.motor is None or _law(joint.motor) is None:
+        motor = joint.motor
+        if motor is None or motor.dry_friction is None:
             continue
+        law = through_gear(motor.dry_friction, motor.ratio, to_motor=False)
         for term in TERMS.values():
-            value = _number(joint, joint.motor, term)
-            if value is not None:
-                found[term.name(joint.name)] = (value, term.unit_at(joint.slides))
-    return found
+            keys, unit = tuple(term.path.split(".")), term.unit_at(joint.slides)
+            if term.path == "viscous":
+                numbers[term.name(joint.name)] = (motor.viscous * motor.ratio**2, unit)
+            elif _present(law, keys):
+                numbers[term.name(joint.name)] = (number_at(law, keys), unit)
+    return numbers
 
 
 def with_friction_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -128,7 +132,7 @@ def with_friction_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
         own = {term.path: values[term.name(joint.name)] for term in TERMS.values() if term.name(joint.name) in values}
         if not own or joint.motor is None:
             continue
-        law = _law(joint.motor)
+        law = joint.motor.dry_friction
         assert law is not None
         viscous = own.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
         on_link = through_gear(law, joint.motor.ratio, to_motor=False)
@@ -140,8 +144,8 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with other numbers, those of its friction among them, as `Robot.with_parameters`."""
     known = friction_numbers(robot)
     own = {name: value for name, value in values.items() if name in known}
-    others = {name: value for name, value in values.items() if name not in known}
-    changed = robot.with_parameters(others) if others else robot
+    rest = {name: value for name, value in values.items() if name not in known}
+    changed = robot.with_parameters(rest) if rest else robot
     return with_friction_numbers(changed, own) if own else changed
 
 
@@ -159,37 +163,12 @@ def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot
     return replace(robot, bodies=tuple(bodies))
 
 
-def _number(joint: Joint, motor: Motor, term: FrictionTerm) -> float | None:
-    """A number of the link side; None where the law has not got it."""
-    if term.path == "viscous":
-        return motor.viscous * motor.ratio**2
-    law, keys = _law(motor), tuple(term.path.split("."))
-    return at(through_gear(law, motor.ratio, to_motor=False), keys) if law and _present(law, keys) else None
-
-
-def _law(motor: Motor) -> Friction | None:
-    if motor.friction is not None:
-        return motor.friction
-    return Friction(motor.coulomb) if motor.coulomb > 0 else None
-
-
 def _present(friction: Friction, keys: Path) -> bool:
-    whole: object = friction
+    part: object = friction
     for key in keys:
-        whole = getattr(whole, str(key))
-        if whole is None:
-            return False
-    return True
+        part = getattr(part, str(key), None)
+    return part is not None
 
 
-def _scaled(ends: tuple[float, float], factor: float) -> tuple[float, float]:
-    return ends[0] * factor, ends[1] * factor
-
-
-def _slip(slip: MaxwellSlip, scale: float) -> MaxwellSlip:
-    return replace(
-        slip,
-        stiffness=tuple(scale**2 * k for k in slip.stiffness),
-        damping=tuple(scale**2 * d for d in slip.damping),
-        attraction=scale * slip.attraction,
-    )
+def _scaled(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
+    return None if ends is None else (ends[0] * factor, ends[1] * factor)

@@ -64,17 +64,17 @@ def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "
 
 
 def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> dict[str, FloatArray]:
-    """How far the joints (n_u,) turn where one spring deflects by 1 rad and no other does, by parameter name.
+    """Turns of the joints (n_u,) where one spring deflects by 1 rad and no other does, by parameter name.
 
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
     directions: dict[str, FloatArray] = {}
-    after, whole = _inverse(mixing(driven, gears, only="before")), _inverse(mixing(driven, gears))
+    after, total = _inverse(mixing(driven, gears, only="before")), _inverse(mixing(driven, gears))
     for i, joint in enumerate(driven):
         if joint.spring is not None:
             directions[f"k_{joint.name}"] = after[:, i]
         if joint.motor is not None and joint.motor.spring is not None:
-            directions[f"km_{joint.name}"] = whole[:, i] / joint.motor.ratio
+            directions[f"km_{joint.name}"] = total[:, i] / joint.motor.ratio
     return directions
 
 

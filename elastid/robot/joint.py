@@ -189,7 +189,7 @@ def _friction(part: str, friction: Friction | None) -> dict[str, object]:
 
 
 def _turns(dimension: str) -> bool:
-    """Whether a unit is one of a rotation."""
+    """True for a unit of a rotation."""
     return "rad" in dimension or "N*m" in dimension
 
 

@@ -66,7 +66,7 @@ class Rod:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether it stretches."""
+        """True if it stretches."""
         return self.stiffness is not None
 
     def numbers(self, loop: str) -> Numbers:

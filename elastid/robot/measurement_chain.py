@@ -24,13 +24,13 @@ from elastid.base.units import Time
 from elastid.robot.named_numbers import Numbers
 
 
-def gain_name(role: str, at: str) -> str:
+def gain_name(role: str, place: str) -> str:
     """The name of a channel's gain, by the role and place of the channel.
 
     >>> gain_name("y", "accelerometer tool z")
     'gain_y_accelerometer_tool_z'
     """
-    return f"gain_{role}_{at}".replace(" ", "_")
+    return f"gain_{role}_{place}".replace(" ", "_")
 
 
 @section
@@ -86,10 +86,10 @@ class Chain:
                 raise ValueError(f"{name} is {value:g} s; it must be positive (leave it out where there is none)")
         if not self.torque_damping > 0:
             raise ValueError(f"torque_damping is {self.torque_damping:g}; it must be positive")
-        channels = [(each.role, each.at) for each in self.gains]
-        for role, at in channels:
-            if channels.count((role, at)) > 1:
-                raise ValueError(f"gains has {role} at {at} twice; leave one out")
+        channels = [(channel.role, channel.at) for channel in self.gains]
+        for role, place in channels:
+            if channels.count((role, place)) > 1:
+                raise ValueError(f"gains has {role} at {place} twice; leave one out")
 
     @property
     def numbers(self) -> Numbers:
@@ -98,22 +98,22 @@ class Chain:
         times: Numbers = {name: ("s", (name,)) for name in names if getattr(self, name) is not None}
         return times | {gain_name(g.role, g.at): ("1", ("gains", i, "gain")) for i, g in enumerate(self.gains)}
 
-    def gain(self, role: str, at: str) -> float:
+    def gain(self, role: str, place: str) -> float:
         """The gain of a channel, 1 where none is listed."""
-        return next((each.gain for each in self.gains if (each.role, each.at) == (role, at)), 1.0)
+        return next((channel.gain for channel in self.gains if (channel.role, channel.at) == (role, place)), 1.0)
 
     def gains_at(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, ChannelGain]:
         """By name those of torques at motors and of motions at places, 1 where none is listed."""
-        every = [ChannelGain("u", at, self.gain("u", at)) for at in motors]
-        every += [ChannelGain("y", at, self.gain("y", at)) for at in places]
-        return {gain_name(each.role, each.at): each for each in every}
+        channels = [ChannelGain("u", place, self.gain("u", place)) for place in motors]
+        channels += [ChannelGain("y", place, self.gain("y", place)) for place in places]
+        return {gain_name(channel.role, channel.at): channel for channel in channels}
 
     def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
         """ValueError for a listed gain of a channel that cannot be."""
-        for each in self.gains:
-            known = motors if each.role == "u" else places
-            if each.at not in known:
-                raise ValueError(f"chain.gains: no {each.role} is at '{each.at}'; there are {', '.join(known)}")
+        for channel in self.gains:
+            known = motors if channel.role == "u" else places
+            if channel.at not in known:
+                raise ValueError(f"chain.gains: no {channel.role} is at '{channel.at}'; there are {', '.join(known)}")
 
     def with_gains(self, gains: Iterable[ChannelGain]) -> Chain:
         """The same with further gains listed."""

@@ -68,6 +68,11 @@ class Motor:
                 )
             self.friction.check_passive(self.viscous)
 
+    @property
+    def dry_friction(self) -> Friction | None:
+        """The law of dry friction, Coulomb's where `coulomb` alone is given; None without any."""
+        return Friction(self.coulomb) if self.friction is None and self.coulomb > 0 else self.friction
+
     def numbers(self, joint: str) -> Numbers:
         """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
         own: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}

@@ -25,20 +25,22 @@ def below(path: str | Path, numbers: Numbers) -> Numbers:
     return {name: (unit, (*steps, *inner)) for name, (unit, inner) in numbers.items()}
 
 
-def at(whole: Any, path: Path) -> float:
+def number_at(description: Any, path: Path) -> float:
     """The number at a path."""
     for step in path:
-        whole = whole[step] if isinstance(step, int) else getattr(whole, step)
-    return float(whole)
+        description = description[step] if isinstance(step, int) else getattr(description, step)
+    return float(description)
 
 
-def replaced(whole: Any, values: Mapping[Path, float]) -> Any:
-    """The same description with other numbers at these paths, each dataclass checked anew once all are in it."""
+def replaced(description: Any, values: Mapping[Path, float]) -> Any:
+    """The same description with other numbers at these paths, each dataclass checked again once all are in it."""
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}
     for (step, *rest), value in values.items():
         inner.setdefault(step, {})[tuple(rest)] = value
-    if isinstance(whole, tuple):
-        return tuple(replaced(part, inner[i]) if i in inner else part for i, part in enumerate(whole))
-    return replace(whole, **{str(step): replaced(getattr(whole, str(step)), part) for step, part in inner.items()})
+    if isinstance(description, tuple):
+        return tuple(replaced(part, inner[i]) if i in inner else part for i, part in enumerate(description))
+    return replace(
+        description, **{str(step): replaced(getattr(description, str(step)), part) for step, part in inner.items()}
+    )

@@ -17,8 +17,6 @@ Acceleration3: TypeAlias = tuple[
     Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")]
 ]
 
-# Cosine of a pitch below which roll and yaw turn about the same axis.
-MIN_PITCH_COSINE = 1e-9
 _UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -47,7 +45,7 @@ class Placement:
         """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
         R = rotation
         cosine = float(np.hypot(R[0, 0], R[1, 0]))
-        if cosine > MIN_PITCH_COSINE:
+        if cosine > 1e-9:  # below, roll and yaw turn about the same axis
             roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
         else:
             roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0

@@ -20,7 +20,7 @@ from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
-from elastid.robot.named_numbers import Numbers, Path, at, below, replaced
+from elastid.robot.named_numbers import Numbers, Path, below, number_at, replaced
 from elastid.robot.placement import Acceleration3, Placement
 
 
@@ -176,12 +176,12 @@ class Robot:
         """The bodies and, last, the payload."""
         if self.payload is None:
             return self.bodies
-        at = self.payload.at
+        place = self.payload.at
         bodies = {body.name: (body.name, Placement()) for body in self.bodies}
         seats = bodies | {frame.name: (frame.body, frame.placement) for frame in self.frames}
-        if at not in seats:
-            raise ValueError(f"payload: it is at {at}, which is no frame and no body; there are {', '.join(seats)}")
-        return (*self.bodies, self.payload.body(*seats[at]))
+        if place not in seats:
+            raise ValueError(f"payload: it is at {place}, which is no frame and no body; there are {', '.join(seats)}")
+        return (*self.bodies, self.payload.body(*seats[place]))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -261,7 +261,7 @@ class Robot:
         )
 
     def slides(self, location: str) -> bool:
-        """Whether a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin."""
+        """True if a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)
@@ -305,7 +305,7 @@ class Robot:
         A model in which all of them were symbols would be several times as large.
         """
         numbers: Numbers = {}
-        for path, part in (*sorted(self._joints_and_bodies, key=lambda each: each[0]), *self._attached):
+        for path, part in (*sorted(self._joints_and_bodies, key=lambda part: part[0]), *self._attached):
             numbers |= below(path, part.geometry)
         return numbers
 
@@ -333,7 +333,7 @@ class Robot:
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit; of geometry and gains those that are named, last."""
         named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
-        table = {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
+        table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
         return table | ({name: (g.gain, "1") for name, g in self.gains.items() if name in geometry} if geometry else {})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:

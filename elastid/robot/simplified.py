@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused
 from elastid.robot.body import Body
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
-from elastid.robot.motor import Motor
 from elastid.robot.robot import Robot
 
 
@@ -64,61 +63,54 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
                 f"{kind} {name} has no spring to be left out; elastic joints and rods of robot {robot.name}: "
                 f"{', '.join(elastic)}"
             )
+
+    def rigid(joint: Joint) -> Joint | None:
+        if joint.name not in names:
+            return joint
+        return None if joint.motor is None else replace(_with_motor(joint, spring=None), spring=None)
+
+    def stiff(loop: Loop) -> Loop:
+        if loop.rod is None or loop.name not in names:
+            return loop
+        return replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0))
+
     try:
-        rigid = _with_joints(robot, lambda joint: _rigid(joint) if joint.name in names else joint)
-        return replace(rigid, loops=tuple(_stiff(loop) if loop.name in names else loop for loop in robot.loops))
+        return replace(_with_joints(robot, rigid), loops=tuple(map(stiff, robot.loops)))
     except ValueError as error:
         raise StudyError(f"without the springs of {', '.join(names)}: {error}") from None
 
 
 def without_motor_coupling(robot: Robot) -> Robot:
     """Every rotor turns about its own axis only: the reduced model of Spong."""
-    return _with_joints(robot, lambda joint: replace(joint, motor=_alone(joint)))
+    return _with_joints(robot, lambda joint: _with_motor(joint, on="", axis=None))
 
 
 def without_dry_friction(robot: Robot) -> Robot:
     """Motors and joints with their viscous friction alone."""
 
-    def smooth(joint: Joint) -> Joint:
-        motor = None if joint.motor is None else replace(joint.motor, coulomb=0.0, friction=None)
-        return replace(joint, friction=None, motor=motor)
-
-    return _with_joints(robot, smooth)
+    return _with_joints(robot, lambda joint: replace(_with_motor(joint, coulomb=0.0, friction=None), friction=None))
 
 
 def without_friction(robot: Robot) -> Robot:
     """Motors and joints without viscous and dry friction."""
 
-    def free(joint: Joint) -> Joint:
-        motor = None if joint.motor is None else replace(joint.motor, viscous=0.0)
-        return replace(joint, viscous=0.0, motor=motor)
-
-    return _with_joints(without_dry_friction(robot), free)
+    without_dry = without_dry_friction(robot)
+    return _with_joints(without_dry, lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
 
 
 def _with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
-    def of(body: Body) -> Body:
+    def with_changed(body: Body) -> Body:
         return replace(body, joints=tuple(new for joint in body.joints if (new := changed(joint)) is not None))
 
-    return replace(robot, bodies=tuple(of(body) for body in robot.bodies))
+    return replace(robot, bodies=tuple(map(with_changed, robot.bodies)))
 
 
-def _alone(joint: Joint) -> Motor | None:
-    return None if joint.motor is None else replace(joint.motor, on="", axis=None)
-
-
-def _rigid(joint: Joint) -> Joint | None:
-    if joint.motor is None:
-        return None
-    return replace(joint, spring=None, motor=replace(joint.motor, spring=None))
-
-
-def _stiff(loop: Loop) -> Loop:
-    return loop if loop.rod is None else replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0))
+def _with_motor(joint: Joint, **changes: Any) -> Joint:
+    return joint if joint.motor is None else replace(joint, motor=replace(joint.motor, **changes))
 
 
 def with_point_mass(robot: Robot, mass: float) -> Robot:
-    """The robot with a further mass in kg at the origin of its last frame, beside its own payload.
+    """The robot with a further mass in kg at the origin of its last frame, besides its own payload.
 
     Raises StudyError for a robot without frames.
     """

@@ -27,7 +27,6 @@ _FURTHER = (
     ("cubic", "k3", "N*m/rad^3"),
     ("backlash", "b", "rad"),
 )
-_OF_BACKLASH = (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1"))
 
 
 @section
@@ -85,10 +84,10 @@ class Spring:
 
     def numbers(self, joint: str) -> Numbers:
         """k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
-        there = [row for row in _FURTHER if getattr(self, row[0]) is not None]
-        there += _OF_BACKLASH if self.backlash is not None else ()
+        present = [row for row in _FURTHER if getattr(self, row[0]) is not None]
+        present += (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1")) if self.backlash is not None else ()
         first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
-        return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in there}
+        return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in present}
 
     def _check_monotone(self) -> None:
         """The tangent a + 2 s |Delta| + 3 k3 Delta^2 stays positive in both directions: s >= 0 or s^2 < 3 a k3."""
@@ -97,7 +96,12 @@ class Spring:
         where = " inside the backlash" if a < self.stiffness else ""
         for s, side in ((odd + even, "positive"), (odd - even, "negative")):
             if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
-                worst = self._softest(a, s, cubic)
+                # The smallest deflection x at which a + 2 s x + 3 cubic x^2 reaches 0.
+                if cubic == 0:
+                    worst = a / (-2 * s)
+                else:
+                    root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
+                    worst = min(x for x in ((-s - root) / (3 * cubic), (-s + root) / (3 * cubic)) if x >= 0)
                 unit, angle = self._units
                 raise ValueError(
                     f"the spring loses its stiffness at a {side} deflection of {worst:.3g} {angle} and pulls beyond, "
@@ -111,11 +115,3 @@ class Spring:
         numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
         slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
         return ("N/m", "m") if slides else ("N*m/rad", "rad")
-
-    @staticmethod
-    def _softest(a: float, s: float, cubic: float) -> float:
-        """The smallest deflection at which a + 2 s x + 3 cubic x^2 reaches 0."""
-        if cubic == 0:
-            return a / (-2 * s)
-        root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
-        return min(x for x in ((-s - root) / (3 * cubic), (-s + root) / (3 * cubic)) if x >= 0)

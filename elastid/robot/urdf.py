@@ -238,8 +238,8 @@ class _Reader:
             )
         if name not in self.known:
             raise joint.wrong(
-                f"joint {name} moves and is not among the joints beside the URDF; give its motor (and spring) there, "
-                "or make it fixed"
+                f"joint {name} moves and is not among the joints given with the URDF; give its motor (and spring) "
+                "there, or make it fixed"
             )
         if not self._mass_below(self._link_of(joint, "child")):
             raise joint.wrong(
@@ -247,20 +247,20 @@ class _Reader:
             )
         axis_of = joint.first("axis")
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
-        dynamics, beside = joint.first("dynamics"), self.known[name]
+        dynamics, given = joint.first("dynamics"), self.known[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
         try:
             return (
                 Joint(
                     name=name,
                     axis=(x, y, z),
-                    spring=beside.spring,
-                    motor=beside.motor,
-                    viscous=viscous if beside.viscous is None else beside.viscous,
-                    limits=_limits(joint) if beside.limits is None else beside.limits,
+                    spring=given.spring,
+                    motor=given.motor,
+                    viscous=viscous if given.viscous is None else given.viscous,
+                    limits=_limits(joint) if given.limits is None else given.limits,
                     motion="translation" if kind == "prismatic" else "rotation",
                 ),
-                *beside.elastic,
+                *given.elastic,
             )
         except StudyError:
             raise
@@ -319,11 +319,11 @@ def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Jo
     if mass is None or tensor is None:
         raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
     xx, yy, zz, xy, xz, yz = (tensor.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz"))
-    at = _origin(inertial)
-    I = at.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ at.rotation.T  # noqa: E741
+    origin = _origin(inertial)
+    I = origin.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ origin.rotation.T  # noqa: E741
     xx, yy, zz, xy, xz, yz = (float(I[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     try:
         inertia = (xx, yy, zz, xy, xz, yz)
-        return replace(body, mass=mass.number("value"), center_of_mass=at.xyz, inertia=inertia)
+        return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=inertia)
     except ValueError as error:
         raise inertial.wrong(str(error)) from None

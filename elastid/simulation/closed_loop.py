@@ -16,9 +16,6 @@ from elastid.simulation.controller import Gains, feedback
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
 
-# Results of a sample that the next one starts from: q, v, states of friction and drives, integral, last reading.
-N_STATES = 6
-
 
 def sampled_step(
     model: ElasticModel,
@@ -74,15 +71,15 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float) -> ca.Function
     u = command + E.T @ (taken - asked)
     # A drive at its limit would wind the integral up.
     integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
-    results = [ca.densify(each) for each in (reading, u, integral)]
+    results = [*map(ca.densify, (reading, u, integral))]
     return ca.Function("control", [*given.values()], results, [*names], ["reading", "u", "integral_after"])
 
 
 def _drive(drives: Drives, step: float) -> ca.Function:
     """(w, u) -> torque at the beginning, the middle and the end of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
-    found = [drives.lagged(w, u, part * step) for part in (0.0, 0.5, 1.0)]
-    return ca.Function("drive", [w, u], [*(torque for torque, _ in found), found[-1][1]])
+    torques, states = zip(*(drives.lagged(w, u, part * step) for part in (0.0, 0.5, 1.0)), strict=True)
+    return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 
 def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives) -> ca.Function:
@@ -106,12 +103,6 @@ def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
 # Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK_SAMPLES = 1000
 
-# A chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-BY_FOURS = {"base": 4}
-
-# rad (or m) on the link side: a motor this far from its reference is lost.
-MAX_TRACKING_ERROR = 2 * np.pi
-
 
 @frozen_value(eq=False)
 class Commands:
@@ -129,11 +120,10 @@ class Commands:
 
     def __post_init__(self) -> None:
         """Check the shapes."""
-        for each in fields(self):
-            if getattr(self, each.name).shape != self.position.shape:
-                raise ValueError(
-                    f"{each.name} has shape {getattr(self, each.name).shape}, position {self.position.shape}"
-                )
+        for field in fields(self):
+            shape = getattr(self, field.name).shape
+            if shape != self.position.shape:
+                raise ValueError(f"{field.name} has shape {shape}, position {self.position.shape}")
 
 
 @dataclass(frozen=True)
@@ -180,7 +170,9 @@ def closed_loop(
     interpreted one.
     """
     sample = sampled_step(model, contacts, rate_hz, substeps, drives)
-    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, BY_FOURS)
+    # Six results of a sample start the next: q, v, states of friction and drives, integral, last reading. A chunk is
+    # four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
+    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, 6, {"base": 4})
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
@@ -218,14 +210,15 @@ def simulate(
         q, reading, u = results[0], *results[-2:]
         chunks.append((np.column_stack([state[0], q[:, :-1]]).T, reading.T, u.T))
         _check(loop, reading.T[: len(block[0])], commands.position, start)
-        state = [result[:, -1] for result in results[:N_STATES]]
+        state = [result[:, -1] for result in results[: len(state)]]
     return Trajectory(*(np.concatenate(parts)[:n] for parts in zip(*chunks, strict=True)))
 
 
 def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: int) -> None:
     reference = position[start : start + len(reading)]
     lower, upper = loop.limits.T
-    held = (np.abs(reading - reference) < MAX_TRACKING_ERROR) & (reading >= lower) & (reading <= upper)
+    # One turn on the link side from its reference (or as much in m): lost.
+    held = (np.abs(reading - reference) < 2 * np.pi) & (reading >= lower) & (reading <= upper)
     if np.all(held):
         return
     sample, motor = np.argwhere(~held)[0]

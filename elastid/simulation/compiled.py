@@ -17,8 +17,7 @@ from pathlib import Path
 
 import casadi as ca
 
-COMPILERS = ("cc", "gcc", "clang")
-FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin")
+FLAGS = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
 MAX_COMPILE_S = 60.0
 # Calls that save as much time as compiling takes.
 MIN_CALLS = 20_000
@@ -47,11 +46,11 @@ def compiler() -> list[str]:
         given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
         raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
-    for name, *words in [given] if given else [[name] for name in COMPILERS]:
+    for name, *words in [given] if given else [["cc"], ["gcc"], ["clang"]]:
         path = shutil.which(name)
         if path:
             return [path, *words]
-    raise OSError(f"there is no C compiler ({given[0] if given else ', '.join(COMPILERS)})")
+    raise OSError(f"there is no C compiler ({given[0] if given else 'cc, gcc, clang'})")
 
 
 def _loaded(function: ca.Function) -> ca.Function:

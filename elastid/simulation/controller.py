@@ -21,9 +21,6 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.closed_posture import followed, rates
 
-# s: step of the central difference that gives T'.
-DIFFERENCE_STEP_S = 1e-4
-
 
 @frozen_value(eq=False)
 class Gains:
@@ -89,10 +86,9 @@ def feed_forward(
     v_path = (T @ velocity[:, :, None])[:, :, 0]
     a_path = (T @ acceleration[:, :, None])[:, :, 0]
     if model.robot.loops:
-        T_rate = (
-            rigid_motion(model, path + DIFFERENCE_STEP_S * v_path)
-            - rigid_motion(model, path - DIFFERENCE_STEP_S * v_path)
-        ) / (2 * DIFFERENCE_STEP_S)
+        step_s = 1e-4  # of the central difference
+        before, after = (rigid_motion(model, path + sign * step_s * v_path) for sign in (-1, 1))
+        T_rate = (after - before) / (2 * step_s)
         a_path += (T_rate @ velocity[:, :, None])[:, :, 0]
     needed = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
     return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])

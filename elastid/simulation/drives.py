@@ -26,10 +26,6 @@ class Ripple:
     periods: FloatArray
     phase: FloatArray
 
-    def at(self, angle: ca.SX) -> ca.SX:
-        """a sin(periods q + phase) (n_u,)."""
-        return ca.DM(self.amplitude) * ca.sin(ca.DM(self.periods) * angle + ca.DM(self.phase))
-
 
 @dataclass(frozen=True)
 class Lag:
@@ -38,20 +34,15 @@ class Lag:
     coefficients: tuple[float, ...]
     time_constant: float
 
-    @property
-    def order(self) -> int:
-        """Number of states of a motor."""
-        return len(self.coefficients)
-
     def step(self, step: float) -> tuple[FloatArray, FloatArray]:
         """w(t + step) = A w(t) + b u at constant u, w = the torque and its derivatives times powers of T; A (n, n)."""
-        n = self.order
+        n = len(self.coefficients)  # states of a motor
         A = np.eye(n, k=1)
         A[-1] = -np.array([1.0, *self.coefficients[:-1]]) / self.coefficients[-1]
         b = np.zeros(n)
         b[-1] = 1 / self.coefficients[-1]
-        whole = expm(np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]) * (step / self.time_constant))
-        return whole[:n, :n], whole[:n, n]
+        transition = expm(np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]) * (step / self.time_constant))
+        return transition[:n, :n], transition[:n, n]
 
 
 @frozen_value(eq=False)
@@ -67,12 +58,11 @@ class Drives:
     @property
     def n_states(self) -> int:
         """Number of states of the torque loops of all motors."""
-        return 0 if self.lag is None else self.lag.order * len(self.torque)
+        return 0 if self.lag is None else len(self.lag.coefficients) * len(self.torque)
 
     def start(self, torque: FloatArray) -> FloatArray:
         """States of the torque loops at constant torque (n_u,)."""
-        n = self.n_states // len(self.torque)
-        return np.concatenate([np.zeros(0), *([torque] if n else []), np.zeros(max(0, n - 1) * len(torque))])
+        return np.concatenate([torque, np.zeros(self.n_states - len(torque))]) if self.n_states else np.zeros(0)
 
     def reading(self, angle: ca.SX, noise: ca.SX) -> ca.SX:
         """Readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
@@ -82,9 +72,8 @@ class Drives:
 
     def clipped(self, u: ca.SX) -> ca.SX:
         """The command (n_u,) within the torque limits of the drives."""
-        bounded = (i for i in range(u.numel()) if np.isfinite(self.torque[i]))
         taken = ca.SX(u)
-        for i in bounded:
+        for i in np.flatnonzero(np.isfinite(self.torque)).tolist():
             taken[i] = ca.fmax(-self.torque[i], ca.fmin(self.torque[i], u[i]))
         return taken
 
@@ -94,7 +83,7 @@ class Drives:
             return u, w
         A, b = self.lag.step(step)
         n_u = u.numel()
-        after = ca.reshape(w, n_u, self.lag.order) @ ca.DM(A.T) + u @ ca.DM(b[None])
+        after = ca.reshape(w, n_u, len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
         return after[:, 0], ca.vec(after)
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
@@ -104,5 +93,5 @@ class Drives:
 
 def _summed(ripples: Sequence[Ripple], angle: ca.SX, value: ca.SX) -> ca.SX:
     for ripple in ripples:
-        value = value + ripple.at(angle)
+        value = value + ca.DM(ripple.amplitude) * ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
     return value

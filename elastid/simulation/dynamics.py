@@ -1,8 +1,13 @@
-"""Accelerations of an elastic model, and their integration together with the stacked states of its friction."""
+r"""Accelerations of an elastic model, and their integration together with the stacked states of its friction.
+
+.. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
+
+Niglis & Oberg (2015), eqs. (2.10), (2.14); with constraints: `baumgarte`. Link side, SI.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import casadi as ca
@@ -16,9 +21,6 @@ from elastid.model.parallel_linkage.loop_closure import motions
 from elastid.model.springs import on_the_flanks
 from elastid.simulation.baumgarte import constrained_acceleration
 
-# s: long against the time in which bristles bend.
-STEADY_S = 1e3
-
 
 @frozen_value(eq=False)
 class Contacts:
@@ -30,57 +32,52 @@ class Contacts:
     @property
     def n_states(self) -> int:
         """Number of states of all laws."""
-        return sum(self._sizes)
+        return sum(placed.law.n_states for placed in self.laws)
 
     @property
     def curves(self) -> FloatArray:
         """The numbers (9 n_f,) without load, at the reference temperature."""
-        return np.concatenate([np.zeros(0), *(one.curve() for one in self.laws)])
+        return np.concatenate([np.zeros(0), *(placed.curve() for placed in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
         """P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
         if not self.laws:
             return ca.SX(self.P.shape[0], 1)
-        each = self._each(v, z, curves)
-        return ca.DM(self.P) @ ca.vertcat(*(law.torque(slip, state, curve) for law, slip, state, curve in each))
+        torques = (law.torque(slip, state, curve) for law, slip, state, curve in self._sliding(v, z, curves))
+        return ca.DM(self.P) @ ca.vertcat(*torques)
 
     def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: Expression) -> ca.SX:
         """States after `step` s at constant v (n_q,)."""
-        each = self._each(v, z, curves)
-        return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in each))
+        laws = self._sliding(v, z, curves)
+        return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in laws))
 
     def steady(self, v: FloatArray, curves: FloatArray) -> FloatArray:
         """States (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
-        return np.asarray(
-            ca.evalf(self.advanced(ca.SX(v), ca.SX(self.n_states, 1), ca.SX(curves), STEADY_S)).full()[:, 0]
-        )
+        steady_s = 1e3  # long compared with the time in which bristles bend
+        states = self.advanced(ca.SX(v), ca.SX(self.n_states, 1), ca.SX(curves), steady_s)
+        return np.asarray(ca.evalf(states).full()[:, 0])
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
         """Stiffness and damping (n_q, n_q) of all contacts at rest."""
-        found = np.array([one.at_rest() for one in self.laws]).reshape(-1, 2)
-        stiffness, damping = ((self.P * column) @ self.P.T for column in found.T)
+        at_rest = np.array([placed.at_rest() for placed in self.laws]).reshape(-1, 2)
+        stiffness, damping = ((self.P * column) @ self.P.T for column in at_rest.T)
         return stiffness, damping
 
-    @property
-    def _sizes(self) -> list[int]:
-        return [one.law.n_states for one in self.laws]
-
-    def _each(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> list[tuple[Law, ca.SX, ca.SX, Curve]]:
-        sliding = ca.DM(self.P).T @ v
-        ends = np.cumsum([0, *self._sizes])
-        numbers = [
-            one.symbols(ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])) for j, one in enumerate(self.laws)
-        ]
-        return [
-            (one.law, sliding[j], z[int(ends[j]) : int(ends[j + 1])], numbers[j]) for j, one in enumerate(self.laws)
-        ]
+    def _sliding(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> Iterator[tuple[Law, ca.SX, ca.SX, Curve]]:
+        """Each law with its velocity, states and curve."""
+        sliding, start = ca.DM(self.P).T @ v, 0
+        for j, placed in enumerate(self.laws):
+            end = start + placed.law.n_states
+            numbers = ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])
+            yield placed.law, sliding[j], z[start:end], placed.symbols(numbers)
+            start = end
 
 
 def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
     """The laws at the coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
     coordinates = np.eye(model.n_q)
     slides = dict(zip(model.inputs, model.robot.mixing @ model.B.T, strict=True))
-    P = [slides[one.place] if one.place in slides else coordinates[model.index(one.place)] for one in laws]
+    P = [slides[law.place] if law.place in slides else coordinates[model.index(law.place)] for law in laws]
     return Contacts(tuple(laws), np.array(P).reshape(len(laws), model.n_q).T)
 
 
@@ -143,14 +140,8 @@ def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> floa
 
     Gears with backlash count with the stiffness of their flanks.
     """
-    M, D, K = (
-        matrix.full()
-        for matrix in (
-            model.mass(q, model.theta),
-            model.damping(q, model.theta),
-            model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)),
-        )
-    )
+    M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
+    K = model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)).full()
     stiffness, damping = contacts.at_rest()
     Z = motions(model, model.constraint_jacobian(q, model.theta).full())
     M, D, K = (Z.T @ matrix @ Z for matrix in (M, D + damping, K + stiffness))

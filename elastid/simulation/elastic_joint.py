@@ -59,13 +59,13 @@ def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | N
     angles (n_u,): posture in which the other joints are held, their springs and those of undriven joints stiff.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
     """
-    names = [each.name for each in robot.joints]
+    names = [part.name for part in robot.joints]
     index = names.index(joint)
     spec = robot.joints[index]
     if spec.motor is None or not spec.is_flexible or index in robot.joints_in_loops:
         return None
-    driven = robot.driven_indices.index(index)
-    coupled = np.abs(robot.mixing[driven]) + np.abs(robot.mixing[:, driven])
+    place = robot.driven_indices.index(index)
+    coupled = np.abs(robot.mixing[place]) + np.abs(robot.mixing[:, place])
     if np.count_nonzero(coupled) > 1 or not (spec.spring is None or spec.spring.is_linear):
         return None
     springs = [(spec.spring, 1.0), (spec.motor.spring, robot.ratio(joint) ** 2)]
@@ -74,15 +74,10 @@ def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | N
     damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
     model = formulate(robot)
     q = np.zeros(model.n_q)
-    q[[model.index(f"joint {each.name}") for each in robot.driven]] = angles
-    q[[model.index(f"motor {each.name}") for each in robot.flexible]] = angles[_flexible(robot)]
+    q[[model.index(f"joint {driven.name}") for driven in robot.driven]] = angles
+    for driven, angle in zip(robot.driven, angles, strict=True):
+        if driven in robot.flexible:
+            q[model.index(f"motor {driven.name}")] = angle
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
-    return ElasticJoint(
-        float(inertia[model.index(f"motor {joint}")]), float(inertia[model.index(f"joint {joint}")]), 1 / compliance,
-        damping,
-    )  # fmt: skip
-
-
-def _flexible(robot: Robot) -> list[int]:
-    """The flexible joints among the driven ones."""
-    return [i for i, each in enumerate(robot.driven) if each in robot.flexible]
+    motor, link = (float(inertia[model.index(f"{part} {joint}")]) for part in ("motor", "joint"))
+    return ElasticJoint(motor, link, 1 / compliance, damping)

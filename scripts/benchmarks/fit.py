@@ -57,7 +57,7 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.response.condensation import Leaves
+from elastid.linear.response.ldl import Leaves
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration

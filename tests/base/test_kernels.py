@@ -14,8 +14,7 @@ from plants.three_mass import circular
 from elastid.app.provenance import software
 from elastid.base import kernels
 from elastid.frf import matrices
-from elastid.linear.response.condensation import Leaves
-from elastid.linear.response.ldl import Elimination
+from elastid.linear.response.ldl import Elimination, Leaves
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
 LEVELS = ("portable", "avx2", "avx512")

@@ -162,7 +162,9 @@ def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, says, tmp_p
 
 def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
     """A joint without motor and spring would swing freely."""
-    with pytest.raises(StudyError, match=r"robot.urdf:5: joint a1 moves and is not among the joints beside the URDF"):
+    with pytest.raises(
+        StudyError, match=r"robot.urdf:5: joint a1 moves and is not among the joints given with the URDF"
+    ):
         read(ARM, {}, tmp_path)
 
 

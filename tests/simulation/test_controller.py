@@ -14,8 +14,7 @@ from plants.two_links import (
 )
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.formulation import serial
-from elastid.model.parallel_linkage.minimal import minimal
+from elastid.model.formulation import minimal, serial
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Rod

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.model.moved_inertia import joint_without_inertia
+from elastid.model.kinematics import joint_without_inertia
 from elastid.study import load, load_robot
 
 INERTIA = "    inertia: 1e-3\n"

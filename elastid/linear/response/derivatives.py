@@ -23,8 +23,6 @@ from elastid.linear.response.sensitivity import Sensitivity, as_rank_one
 
 # Matrices of length one that differ by less than this are equal.
 EQUAL_TOLERANCE = 1e-12
-# The product of two that may be.
-NEARLY_ONE = 1 - 1e-6
 
 
 @dataclass(frozen=True)
@@ -52,20 +50,19 @@ class Columns:
 
     def size(self, theta: FloatArray) -> FloatArray:
         """|theta| (P,) of the wanted parameters, 1 where one is zero."""
-        here = np.abs(theta[self.kernel.places])
-        here[here == 0] = 1.0
-        return here
+        size = np.abs(theta[self.kernel.places])
+        return np.where(size == 0, 1.0, size)
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains.
+        """True if G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains.
 
-        Torques are held alike, or none is.
+        All torques are held in the same way, or none is.
         """
         model = self.kernel.model
-        is_alike = model.hold is None or model.hold.is_uniform
+        is_uniform = model.hold is None or model.hold.is_uniform
         own = model.tilt.any() or model.moved_outputs or model.gains
-        return is_alike and np.array_equal(model.B.T, model.C) and not own
+        return is_uniform and np.array_equal(model.B.T, model.C) and not own
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -84,7 +81,7 @@ class Columns:
         """The pieces of all wanted parameters; bases of rank one first."""
         n = self.kernel.model.n
         bases = _Bases(np.empty((3 * len(self.kernel.wanted), 2 * n * n)), [])
-        found: list[tuple[int, int, int, float]] = []
+        pieces: list[tuple[int, int, int, float]] = []
         for place, name in enumerate(self.kernel.wanted):
             slope = self.kernel.model.slopes.get(name, Slope())
             given = {
@@ -97,21 +94,21 @@ class Columns:
                 given[0][0][1] = self.omega_0**2 * moved[0]
             for power, (matrix, single) in given.items():
                 base, sigma = bases.add(matrix, single)
-                found.append((place, base, power, sigma))
-        others = (*self.kernel.factors, *self.kernel.moved_outputs)
-        found += [(self.kernel.wanted.index(name), len(bases.single) + i, 0, 1.0) for i, name in enumerate(others)]
+                pieces.append((place, base, power, sigma))
+        direct = (*self.kernel.factors, *self.kernel.moved_outputs)
+        pieces += [(self.kernel.wanted.index(name), len(bases.single) + i, 0, 1.0) for i, name in enumerate(direct)]
         order = sorted(range(len(bases.single)), key=lambda b: bases.single[b] is None)
-        now_at = np.append(np.argsort(order), len(order) + np.arange(len(others))).astype(np.int64)
-        sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
-        for t, (place, _, _, sigma) in enumerate(found):
+        now_at = np.append(np.argsort(order), len(order) + np.arange(len(direct))).astype(np.int64)
+        sigma_of = np.zeros((len(pieces), len(self.kernel.wanted)))
+        for t, (place, _, _, sigma) in enumerate(pieces):
             sigma_of[t, place] = sigma
-        of_rank_one = [one for one in bases.single if one is not None]
+        of_rank_one = [single for single in bases.single if single is not None]
         return Pieces(
             np.array([sign for sign, _ in of_rank_one]),
             np.array([y for _, y in of_rank_one]).reshape(-1, n).T,
             bases.E[order[len(of_rank_one) :]].reshape(-1, 2, n, n).swapaxes(0, 1),
-            now_at[[base for _, base, _, _ in found]],
-            np.array([power for _, _, power, _ in found], np.int64),
+            now_at[[base for _, base, _, _ in pieces]],
+            np.array([power for _, _, power, _ in pieces], np.int64),
             sigma_of,
         )
 
@@ -126,13 +123,14 @@ class Columns:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
         (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
-        places = rows * n_u + columns
-        images, of_images = self._of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
+        places, is_own = rows * n_u + columns, np.array_equal(kernel.output_columns, np.arange(n_u))
+        of_factors = replace(kernel, wanted=kernel.factors)
+        images, of_images = of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
             right = YX if YX.shape[1] == n_u else YX[:, :n_u]
-            left = YX if self._is_own else YX[:, kernel.output_columns]
+            left = YX if is_own else YX[:, kernel.output_columns]
             if kernel.model.gains:
                 of_y, of_u = kernel.model.channel_gains(theta)
                 left, right = of_y[:, None] * left, of_u[:, None] * right
@@ -142,21 +140,16 @@ class Columns:
             ]
             if images is not None and of_images is not None:
                 G = G + images[block][:, rows, columns]
-                factors = [one + more[block][:, rows, columns] for one, more in zip(factors, of_images, strict=True)]
-            others = [*factors, *moved[:, :, rows, columns]]
-            whole = -np.stack(others, axis=2) if others else np.zeros((*G.shape, 0), complex)
+                factors = [own + part[block][:, rows, columns] for own, part in zip(factors, of_images, strict=True)]
+            direct = [*factors, *moved[:, :, rows, columns]]
+            unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
-            yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, whole, rows, columns)
+            yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, unfactored, rows, columns)
 
     @cached_property
     def _asked(self) -> FloatArray:
         """The directions of all bases (n, n_1 + r)."""
         return np.hstack([self.pieces.y, self._directions[0]])
-
-    @cached_property
-    def _is_own(self) -> bool:
-        """Whether the right sides are the outputs' directions, in their order."""
-        return np.array_equal(self.kernel.output_columns, np.arange(self.kernel.model.B.shape[1]))
 
     def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
@@ -168,16 +161,10 @@ class Columns:
         return pulled
 
     @cached_property
-    def _of_factors(self) -> Kernel:
-        """The kernel of delay, chain and gains alone."""
-        return replace(self.kernel, wanted=self.kernel.factors)
-
-    @cached_property
     def _images_of_others(self) -> Kernel:
-        """The kernel of all others."""
-        return replace(
-            self.kernel, wanted=tuple(name for name in self.kernel.wanted if name not in self.kernel.factors)
-        )
+        """The kernel of all parameters that do not multiply the response."""
+        factors = self.kernel.factors
+        return replace(self.kernel, wanted=tuple(name for name in self.kernel.wanted if name not in factors))
 
 
 @dataclass(frozen=True)
@@ -192,7 +179,7 @@ class _Bases:
         sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
         E = both.ravel() / sigma
         products = known @ E
-        for place in np.flatnonzero(np.abs(products) > NEARLY_ONE):
+        for place in np.flatnonzero(np.abs(products) > 1 - 1e-6):
             sign = float(np.sign(products[place]))
             if np.abs(E - sign * known[place]).max() < EQUAL_TOLERANCE:
                 return int(place), sigma * sign

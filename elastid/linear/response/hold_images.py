@@ -24,8 +24,6 @@ def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArr
     return c
 
 
-# A joint of two masses, its resonance at a tenth of the rate: 1e-8 of G up to an eighth of the rate, 1e-6 up to 0.45.
-N_NODES = 4
 # Those beyond add less than 1e-5 x^4 of G.
 IMAGES = np.array([m for m in range(-64, 65) if m])
 
@@ -55,7 +53,7 @@ class Folding:
 class HoldImages:
     """The images of the torques that are held at rate_hz, on lines freq_hz (F,); none of lines above half of it.
 
-    inputs (n_u,): whether a torque is one of these.
+    inputs (n_u,): true for these torques.
     """
 
     model: LinearModel
@@ -65,12 +63,12 @@ class HoldImages:
 
     @property
     def nodes_hz(self) -> FloatArray:
-        """Frequencies (J,) at which G is to be known, all above half the rate."""
+        """Frequencies (J,) at which G is needed, all above half the rate."""
         return np.asarray(self._lowest * self.rate_hz / np.sqrt(_chebyshev()))
 
     @cached_property
     def plant(self) -> LinearModel:
-        """The model of what is to be known there: acceleration by the torque that acts, before any sensor."""
+        """The model whose response is needed at these: acceleration by the torque that acts, before any sensor."""
         lags = tuple(element for element in self.model.chain if element.name == TORQUE_LAG)
         return replace(self.model, quantity="acceleration", chain=lags, hold=None)
 
@@ -81,7 +79,7 @@ class HoldImages:
         return replace(self.model, chain=lags)
 
     def moves_plant(self, name: str) -> bool:
-        """Whether a parameter may move the response of `plant`: all but the delay and lags of the sensors."""
+        """True if a parameter may move the response of `plant`: all but the delay and lags of the sensors."""
         return name != DELAY and name not in [element.name for element in self.sensors.chain]
 
     def undelayed(self, theta: FloatArray) -> FloatArray:
@@ -124,23 +122,25 @@ def hold_images(model: LinearModel, freq_hz: FloatArray) -> tuple[HoldImages, ..
 
 @lru_cache(maxsize=32)
 def _terms(freq_hz: bytes, rate_hz: float, lowest: float) -> FloatArray:
-    """(2, J, F, n_m): what each image adds by the real (0) and by the imaginary part (1) of each node.
+    """(2, J, F, n_m): contribution of each image by the real (0) and by the imaginary part (1) of each node.
 
     lowest: the frequency of the lowest image over the rate.
     """
     lines = np.frombuffer(freq_hz)
     x = np.where(lines < rate_hz / 2, lines / rate_hz, 0.0)[:, None]
     nodes, image = _chebyshev(), x + IMAGES
-    even = (x / image) ** 3 * np.array([_lagrange(nodes, j, (lowest / image) ** 2) for j in range(N_NODES)])
+    t = (lowest / image) ** 2
+
+    def lagrange(j: int) -> FloatArray:
+        return np.asarray(np.prod([(t - node) / (nodes[j] - node) for node in np.delete(nodes, j)], axis=0))
+
+    even = (x / image) ** 3 * np.array([lagrange(j) for j in range(len(nodes))])
     return frozen(np.stack([even, even * (lowest / image) / np.sqrt(nodes)[:, None, None]]))
 
 
 def _chebyshev() -> FloatArray:
-    """Chebyshev points (J,) of the interval from 0 to 1."""
-    return np.asarray((1 + np.cos(np.pi * (np.arange(N_NODES) + 0.5) / N_NODES)) / 2)
+    """Chebyshev points (J,) of the interval from 0 to 1.
 
-
-def _lagrange(nodes: FloatArray, j: int, t: FloatArray) -> FloatArray:
-    """The polynomial at t that is 1 at node j and 0 at the others."""
-    others = np.delete(nodes, j)
-    return np.asarray(np.prod([(t - other) / (nodes[j] - other) for other in others], axis=0))
+    Of a joint of two masses, its resonance at a tenth of the rate: 1e-8 of G up to an eighth of the rate, 1e-6 to 0.45.
+    """
+    return np.asarray((1 + np.cos(np.pi * (np.arange(4) + 0.5) / 4)) / 2)

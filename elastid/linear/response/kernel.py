@@ -22,9 +22,8 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.hold_images import HoldImages, factor, hold_images
-from elastid.linear.response.ldl import Elimination
+from elastid.linear.response.ldl import Elimination, Leaves
 from elastid.linear.response.sensitivity import RankOneTerms, rank_one_terms
 from elastid.robot import gain_name
 
@@ -49,7 +48,7 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True)
 class Sides:
-    """Which right sides Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
+    """Right sides that Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
 
     columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
     """
@@ -110,21 +109,21 @@ class Kernel:
 
     def images(self, theta: FloatArray) -> ComplexArray:
         """The images in G (F, n_y, n_u) of held torques at theta (n_theta,); zero without any."""
-        found = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
+        total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
         for images, above in self._above:
-            found += images.folding(theta).images(above.response(images.undelayed(theta)))
-        return found
+            total += images.folding(theta).images(above.response(images.undelayed(theta)))
+        return total
 
     def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
-        found = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes = np.zeros((len(self.wanted), *found.shape), complex)
+        total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
+        slopes = np.zeros((len(self.wanted), *total.shape), complex)
         s = (2j * np.pi * self.freq_hz).astype(complex)
         for images, above in self._above:
             G_above, of_above = above.evaluate(images.undelayed(theta))
             folding = images.folding(theta)
             added = folding.images(G_above)
-            found += added
+            total += added
             slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
             for element in images.sensors.chain:
                 if element.name in self.wanted:
@@ -132,7 +131,7 @@ class Kernel:
                     slopes[self.wanted.index(element.name)] += slope[:, None, None] * added
             if DELAY in self.wanted:
                 slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
-        return found, slopes
+        return total, slopes
 
     def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum over lines and elements of weight (F, n_y, n_u) times the derivatives (P,) of `images`.
@@ -148,21 +147,20 @@ class Kernel:
 
     @property
     def is_held(self) -> bool:
-        """Whether G has images of held torques."""
+        """True if G has images of held torques."""
         return bool(self._above)
 
     @cached_property
     def _above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
-        """The images of held torques, and the kernel of what they are made of."""
-        found = hold_images(self.model, self.freq_hz)
+        """The images of held torques, and the kernel of the response that they are made of."""
         return tuple(
             (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))
-            for images in found
+            for images in hold_images(self.model, self.freq_hz)
         )
 
     @cached_property
     def places(self) -> IntArray:
-        """Where in theta the wanted parameters are (P,)."""
+        """Places of the wanted parameters in theta (P,)."""
         return np.array([self.model.parameters.index(name) for name in self.wanted], np.int64)
 
     @cached_property
@@ -174,7 +172,7 @@ class Kernel:
     def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray | FloatArray]]:
         """d ln G / d theta_p of each of the factors, with its place among the wanted parameters.
 
-        (F, 1, 1) of those that are alike for all elements, (n_y, n_u) of the gain of a channel.
+        (F, 1, 1) of those that are the same for all elements, (n_y, n_u) of the gain of a channel.
         """
         elements = {element.name: element for element in self.model.chain}
         for name in self.factors:
@@ -213,9 +211,9 @@ class Kernel:
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s = (1j * omega).astype(complex)
-            found = self._solver.products(M, D, K, omega, right, asked)
+            solved = self._solver.products(M, D, K, omega, right, asked)
             gain = factor(self.model, theta, s)
-            moved, YX = found[:, :n_u, n_d:], found[:, :, :n_d]
+            moved, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
             G = gain[:, None, None] * moved[:, :, :n_y]
             if tilted.size:
                 over = 1 / s[:, None, None] ** 2
@@ -253,9 +251,9 @@ class Kernel:
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
         places, moved, slopes = self._slopes
-        found = self._known.copy()
-        found.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
-        return found
+        matrices = self._known.copy()
+        matrices.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
+        return matrices
 
     @cached_property
     def _known(self) -> FloatArray:
@@ -283,7 +281,7 @@ class Kernel:
 
     @cached_property
     def _sides(self) -> Sides:
-        """Which outputs are in the direction of an input or of another output, at any theta, and need no solution."""
+        """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
         model = self.model
         moved = [model.slopes[name] for name in model.moved_outputs]
         C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -41,23 +41,23 @@ class Sensitivity:
 
     @property
     def is_alike(self) -> bool:
-        """Whether left and right are the same array."""
+        """True if left and right are the same array."""
         return self.left is self.right
 
     def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
         """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
         n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
-        found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
-        right = self.right.astype(found.dtype)
-        left = right if self.is_alike else self.left.astype(found.dtype)
-        one = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(found.dtype)[:, None]
-        one, other = one.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
-        np.multiply(one, other, out=found[:, :, :n_1])
+        columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
+        right = self.right.astype(columns.dtype)
+        left = right if self.is_alike else self.left.astype(columns.dtype)
+        scaled = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
+        scaled, other = scaled.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
+        np.multiply(scaled, other, out=columns[:, :, :n_1])
         if n_12 > n_1:
-            left = left[:, :, n_1:] * self.gain.astype(found.dtype)[:, None, None]
-            found[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
-        np.multiply(self.whole, scale[n_12:], out=found[:, :, n_12:], casting="same_kind")
-        return found
+            left = left[:, :, n_1:] * self.gain.astype(columns.dtype)[:, None, None]
+            columns[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
+        np.multiply(self.whole, scale[n_12:], out=columns[:, :, n_12:], casting="same_kind")
+        return columns
 
     def _of_matrices(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
         """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
@@ -86,8 +86,8 @@ class Sensitivity:
         single = (powers @ flat).reshape(3, rows.shape[1], n_1).sum(axis=1) * self.sign
         many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
         between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
-        whole = powers @ (weight[:, None, :] @ self.whole)[:, 0]
-        return np.concatenate([single, self.pulled_by(between), whole], axis=1)
+        direct = powers @ (weight[:, None, :] @ self.whole)[:, 0]
+        return np.concatenate([single, self.pulled_by(between), direct], axis=1)
 
     def pulled_by(self, between: ComplexArray) -> ComplexArray:
         """The share of the matrices S in `pull` (3, n_2); between (3, r, r): of left^T weight right, as it has them."""
@@ -96,10 +96,6 @@ class Sensitivity:
         pulled = flat @ fixed.T
         pulled[0] += moved @ flat[2]
         return np.asarray(pulled)
-
-
-# Eigenvalues of a slope below this part of its largest are rounding.
-RANK_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -117,37 +113,30 @@ class RankOneTerms:
 
 def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
     """Y (n, n_d) of the terms of all slopes (P), each direction once, and the slopes in groups of as many terms."""
-    found: dict[int, list[tuple[int, float]]] = {}
+    parts: dict[int, list[tuple[int, float]]] = {}
     directions: list[FloatArray] = []
     for place, slope in enumerate(slopes):
         for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-            for sigma, y in rank_one_parts(matrix) if matrix is not None else ():
-                found.setdefault(place, []).append((power, sigma))
-                directions.append(y)
+            if matrix is None:
+                continue
+            eigenvalues, vectors = np.linalg.eigh(matrix)
+            for i in np.flatnonzero(np.abs(eigenvalues) > 1e-12 * np.abs(eigenvalues).max()):  # the rest is rounding
+                y = vectors[:, i]
+                leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
+                parts.setdefault(place, []).append((power, float(eigenvalues[i])))
+                directions.append(y if leading > 0 else -y)
     stacked = np.array(directions).reshape(-1, n)
     # A spring and its damper have the same direction: Y X is computed once for both.
     _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
-    ends = np.cumsum([len(parts) for parts in found.values()])
-    rows = dict(zip(found, np.split(same.reshape(-1), ends[:-1]), strict=False))
-    return stacked[first].T, tuple(_grouped(found, rows))
-
-
-def _grouped(found: Mapping[int, list[tuple[int, float]]], rows: Mapping[int, IntArray]) -> Iterator[RankOneTerms]:
-    for count in sorted({len(parts) for parts in found.values()}):
-        members = [place for place, parts in found.items() if len(parts) == count]
-        yield RankOneTerms(
-            members=np.array(members),
-            power=np.array([[power for power, _ in found[place]] for place in members]),
-            sigma=np.array([[sigma for _, sigma in found[place]] for place in members]),
-            direction=np.array([rows[place] for place in members]),
-        )
-
-
-def rank_one_parts(matrix: FloatArray) -> list[tuple[float, FloatArray]]:
-    """A symmetric matrix as sum sigma y y^T, y of length one and of a definite sign."""
-    eigenvalues, vectors = np.linalg.eigh(matrix)
-    keep = np.flatnonzero(np.abs(eigenvalues) > RANK_TOLERANCE * np.abs(eigenvalues).max())
-    return [(float(eigenvalues[i]), _with_sign(vectors[:, i])) for i in keep]
+    ends = np.cumsum([len(terms) for terms in parts.values()])
+    rows = dict(zip(parts, np.split(same.reshape(-1), ends[:-1]), strict=False))
+    groups = []
+    for count in sorted({len(terms) for terms in parts.values()}):
+        members = [place for place, terms in parts.items() if len(terms) == count]
+        powers = np.array([[power for power, _ in parts[place]] for place in members])
+        sigmas = np.array([[sigma for _, sigma in parts[place]] for place in members])
+        groups.append(RankOneTerms(np.array(members), powers, sigmas, np.array([rows[place] for place in members])))
+    return stacked[first].T, tuple(groups)
 
 
 def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
@@ -158,10 +147,5 @@ def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
         return None
     y = matrix[:, i] / np.sqrt(abs(largest))
     sigma = float(np.sign(largest))
-    is_all = np.abs(matrix - sigma * np.outer(y, y)).max() <= RANK_TOLERANCE * abs(largest)
+    is_all = np.abs(matrix - sigma * np.outer(y, y)).max() <= 1e-12 * abs(largest)
     return (sigma, y) if is_all else None
-
-
-def _with_sign(y: FloatArray) -> FloatArray:
-    leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
-    return y if leading > 0 else -y

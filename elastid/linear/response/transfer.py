@@ -4,7 +4,7 @@ r"""LinearModel -> frequency response, the formula itself.
           c = (j\omega)^k e^{-j\omega T_d} \prod_i H_i(j\omega T_i)
 
 with k = 0, 1, 2 for position, velocity, acceleration, H_i the elements of the measurement chain, and each element times
-g_y / g_u where channels have gains. An accelerometer has C + T / s^2 in the place of C. Of a torque that is held
+g_y / g_u where channels have gains. An accelerometer has C + T / s^2 instead of C. Of a torque that is held
 between its samples the images in the sampled motion are added (`hold_images`).
 """
 

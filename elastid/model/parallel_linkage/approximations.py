@@ -63,16 +63,16 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
     An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
     """
-    seen, axes, elastic_joints = ca.SX(q), _axes(robot), set(elastic_joints_within(robot))
+    straightened, axes, elastic_joints = ca.SX(q), _axes(robot), set(elastic_joints_within(robot))
     for branches in robot.branches:
         for branch in branches:
             passive = [i for i in branch if robot.joints[i].is_passive]
             for i in set(branch) & elastic_joints:
-                seen[i] = 0
+                straightened[i] = 0
                 if passive:
                     j = min(passive, key=lambda j: abs(j - i))
-                    seen[j] += float(axes[i] @ axes[j]) * q[i]
-    return seen
+                    straightened[j] += float(axes[i] @ axes[j]) * q[i]
+    return straightened
 
 
 def _axes(robot: Robot) -> list[FloatArray]:
@@ -85,28 +85,32 @@ def _axes(robot: Robot) -> list[FloatArray]:
     return axes
 
 
-def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], constant: bool) -> Equations:
+def series_stiffness(robot: Robot, equations: Equations, loops: Sequence[Closure], constant: bool) -> Equations:
     """The gear springs of levers with those of their elastic rods in series; constant: as at the start posture."""
-    theta, motor = by_name(of), motor_coordinates(robot)
-    for closure in elastic(found):
+    theta, motor = by_name(equations), motor_coordinates(robot)
+    for closure in elastic(loops):
         lever = _lever(robot, closure.loop)
         joint, name = robot.joints[lever].name, closure.loop.name
-        y = ca.gradient(ca.norm_2(closure.gap), of.q)[lever]
+        y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
         if constant:
-            q_l = of.q[: len(robot.joints)]
-            angles = np.array([one.start for one in robot.driven])
+            q_l = equations.q[: len(robot.joints)]
+            angles = np.array([driven.start for driven in robot.driven])
             y = ca.substitute(y, q_l, ca.DM(assembled(robot, angles)))
         k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
         k_eff = k * k_rod / (k + k_rod)
         d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
-        across = ca.DM(len(of.coordinates), 1)
+        across = ca.DM(len(equations.coordinates), 1)
         across[motor[joint]], across[lever] = 1, -1
-        deflection = ca.dot(across, of.q)
-        of = with_energies(of, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T))
+        deflection = ca.dot(across, equations.q)
+        equations = with_energies(
+            equations, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T)
+        )
         # Both bear the torque k_eff times the deflection.
         parts = {f"k_{joint}": k, f"k_{name}": k_rod}
-        of = with_strains(of, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items()))
-    return of
+        equations = with_strains(
+            equations, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items())
+        )
+    return equations
 
 
 def _lever(robot: Robot, loop: Loop) -> int:

@@ -19,12 +19,20 @@ from elastid.base.errors import StudyError
 from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
 
-MAX_STEP = 0.05  # rad or m of a driven joint between two postures on the way
-NEWTON_STEPS = 4  # at each of them; the error of the predictor is about MAX_STEP^2
-NEWTON_STEPS_AT_START = 60  # from angles that are guesses
-MAX_NEWTON_STEP = 0.3  # rad or m
-MAX_GAP = 1e-10  # m between the ends of a closed loop
-MIN_LEVER_SINE = 0.03  # of the angle between lever and rod; postures nearer to alignment are refused
+
+@dataclass(frozen=True)
+class Limits:
+    """Numbers of the way to a closed posture and of its judgement; false-alarm rates not measured."""
+
+    step: float = 0.05  # rad or m of a driven joint between two postures on the way
+    newton_steps: int = 4  # at each of them; the error of the predictor is about step^2
+    newton_steps_at_start: int = 60  # from angles that are guesses
+    newton_step: float = 0.3  # rad or m
+    gap: float = 1e-10  # m between the ends of a closed loop
+    lever_sine: float = 0.03  # of the angle between lever and rod; postures nearer to alignment are refused
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +67,11 @@ class Mechanism:
 def mechanism(robot: Robot) -> Mechanism:
     """Built once in a process for each robot."""
     q = ca.SX.sym("q", len(robot.joints))
-    found = closures(robot, q)
-    rows, gaps = ca.vertcat(*(one.rows for one in found)), ca.vertcat(*(one.gap for one in found))
+    loops = closures(robot, q)
+    rows, gaps = ca.vertcat(*(loop.rows for loop in loops)), ca.vertcat(*(loop.gap for loop in loops))
     passive = [i for i in robot.joints_in_loops if robot.joints[i].is_passive]
     function = ca.Function("closure", [q], [rows, ca.densify(ca.jacobian(rows, q)), ca.densify(ca.jacobian(gaps, q))])
-    return Mechanism(robot, q, found, function, np.array(passive, np.int64), np.array(robot.driven_indices, np.int64))
+    return Mechanism(robot, q, loops, function, np.array(passive, np.int64), np.array(robot.driven_indices, np.int64))
 
 
 def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -76,7 +84,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     parts = mechanism(robot)
     q = followed(robot, angles[None]).ravel()
     phi, _ = parts.rows(q[None])
-    if not np.abs(phi).max(initial=0.0) <= MAX_GAP:
+    if not np.abs(phi).max(initial=0.0) <= LIMITS.gap:
         raise StudyError(_why_open(parts, angles))
     _check_posture(parts, q)
     return q
@@ -92,7 +100,12 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
         return _open(robot, angles)
     parts = mechanism(robot)
     start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
-    q = _closed_at_start(parts, start)
+    q = start
+    for _ in range(LIMITS.newton_steps_at_start):
+        q = q + _correction(parts, q)
+        if np.abs(parts.rows(q)[0]).max() <= LIMITS.gap:
+            break
+    q = q + _correction(parts, q)
     if near is not None:
         q = _moved(parts, q, near[None])
     return _moved(parts, q, angles)
@@ -100,11 +113,14 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """From one posture q (1, n_l) to the driven joints' angles (Q, n_u)."""
-    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / MAX_STEP)))
+    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / LIMITS.step)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps
     for _ in range(steps):
-        q = _stepped(parts, q, way)
+        # Along the tangent, then back onto the closure.
+        q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
+        for _ in range(LIMITS.newton_steps):
+            q = q + _correction(parts, q)
     return q
 
 
@@ -119,28 +135,12 @@ def rates(robot: Robot, q: FloatArray) -> FloatArray:
     return T
 
 
-def _stepped(parts: Mechanism, q: FloatArray, way: FloatArray) -> FloatArray:
-    """One step (Q, n_u) of the driven joints: along the tangent, then back onto the closure."""
-    q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
-    for _ in range(NEWTON_STEPS):
-        q = q + _correction(parts, q)
-    return q
-
-
 def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     phi, Phi = parts.rows(q)
     dq = np.zeros_like(q)
     dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK_TOLERANCE) @ phi[:, :, None])[:, :, 0]
     longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
-    return np.asarray(dq * np.minimum(1.0, MAX_NEWTON_STEP / np.maximum(longest, MAX_NEWTON_STEP)))
-
-
-def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
-    for _ in range(NEWTON_STEPS_AT_START):
-        q = q + _correction(parts, q)
-        if np.abs(parts.rows(q)[0]).max() <= MAX_GAP:
-            break
-    return q + _correction(parts, q)
+    return np.asarray(dq * np.minimum(1.0, LIMITS.newton_step / np.maximum(longest, LIMITS.newton_step)))
 
 
 def _open(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -150,11 +150,11 @@ def _open(robot: Robot, angles: FloatArray) -> FloatArray:
 
 
 def _why_open(parts: Mechanism, angles: FloatArray) -> str:
-    """Which loop stays open by how much at the posture wanted, or at the start already, or is locked."""
+    """The loop that stays open and its gap, at the posture wanted or at the start already, or the joints it locks."""
     robot = parts.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
-    at_start = np.abs(parts.rows(start[None])[0]).max() > MAX_GAP
+    at_start = np.abs(parts.rows(start[None])[0]).max() > LIMITS.gap
     loop, gap = _widest(parts, start if at_start else end)
     if at_start:
         return (
@@ -187,15 +187,12 @@ def _locked(parts: Mechanism, q: FloatArray) -> str:
 
 def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
     """The loop that is most open, and by how much in words."""
-    rows = [np.abs(ca.Function("rows", [parts.q], [one.rows])(q).full()).max() for one in parts.closures]
+    rows = [np.abs(ca.Function("rows", [parts.q], [loop.rows])(q).full()).max() for loop in parts.closures]
     worst = parts.closures[int(np.argmax(rows))]
     gap = float(np.linalg.norm(ca.Function("gap", [parts.q], [worst.gap])(q).full()))
-    if worst.loop.rod is not None:
-        return (
-            worst.loop.name,
-            (f"its ends are {1e3 * gap:.4g} mm apart, the rod is {1e3 * worst.loop.rod.length:.4g} mm long"),
-        )
-    return worst.loop.name, f"its ends are {1e3 * gap:.4g} mm apart"
+    rod = worst.loop.rod
+    length = "" if rod is None else f", the rod is {1e3 * rod.length:.4g} mm long"
+    return worst.loop.name, f"its ends are {1e3 * gap:.4g} mm apart{length}"
 
 
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
@@ -212,13 +209,13 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
         return
     _, s, Vt = np.linalg.svd(Phi[0][:, parts.passive])
     smallest = s[n_p - 1] if len(s) >= n_p else 0.0
-    if smallest > MIN_LEVER_SINE * parts.lever(q):
+    if smallest > LIMITS.lever_sine * parts.lever(q):
         return
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
     if _generic_rank(parts) < n_p:
         raise StudyError(
             f"the loops leave joint {', '.join(free)} undetermined: it can move with all motors held; close the loop "
-            "by a rod in the place of a body on joints, or give the joint a spring"
+            "by a rod instead of a body on joints, or give the joint a spring"
         )
     raise StudyError(
         f"the linkage is at a singular posture: lever and rod are aligned to within {smallest / parts.lever(q):.2g} "
@@ -231,7 +228,7 @@ def _generic_rank(parts: Mechanism) -> int:
     random = np.random.default_rng(0)
     q = random.uniform(-1.0, 1.0, (5, len(parts.robot.joints)))
     _, Phi = parts.rows(q)
-    return int(max(np.linalg.matrix_rank(one[:, parts.passive], tol=RANK_TOLERANCE * np.abs(one).max()) for one in Phi))
+    return int(max(np.linalg.matrix_rank(J[:, parts.passive], tol=RANK_TOLERANCE * np.abs(J).max()) for J in Phi))
 
 
 def _stacked(matrix: ca.DM, count: int) -> FloatArray:

@@ -14,7 +14,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import NUMBERS, Tree, Turn, between, last_common, located, position, seat, tree, turns
 from elastid.model.open_chain import Equations, by_name, with_coordinates, with_energies, with_strains
 from elastid.model.springs import Strain
-from elastid.robot import Axis, Loop, Pin, Robot, unit_axis
+from elastid.robot import Loop, Pin, Robot, unit_axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +51,22 @@ def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, t
         for i, end in enumerate(loop.ends, start=1)
     )
     gap = between(layout, turned, first, second)
-    ends = position(layout, turned, *first), position(layout, turned, *second)
-    closure = Closure(loop, gap, ends, gap)
+    closure = Closure(loop, gap, (position(layout, turned, *first), position(layout, turned, *second)), gap)
     if loop.rod is not None:
         length = theta.get(f"l_{loop.name}", loop.rod.length)
-        return Closure(loop, gap, ends, rod_row(closure, length), length)
+        return replace(closure, rows=rod_row(closure, length), length=length)
     if loop.pin is not None:
-        return Closure(loop, gap, ends, _pin_rows(robot, layout, turned, loop, loop.pin, gap))
+        return replace(closure, rows=_pin_rows(robot, layout, turned, loop, loop.pin, gap))
     return closure
 
 
 def _pin_rows(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, pin: Pin, gap: ca.SX) -> ca.SX:
     """Displacements across the axis; where the pin is spatial, that along it and the two tilts as well."""
-    across = _across(pin.axis)
-    x, y, z = (_direction(robot, layout, turned, loop, 0, axis) for axis in (*across, unit_axis(pin.axis)))
+    along = unit_axis(pin.axis)
+    across = np.cross(np.eye(3)[int(np.argmin(np.abs(along)))], along)
+    across /= np.linalg.norm(across)
+    axes = (across, np.cross(along, across), along)
+    x, y, z = (_direction(robot, layout, turned, loop, 0, axis) for axis in axes)
     rows = [ca.dot(x, gap), ca.dot(y, gap)]
     if not pin.planar:
         other = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
@@ -83,19 +85,10 @@ def _direction(
     return tip - foot
 
 
-def _across(axis: Axis) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors that complete an axis."""
-    z = unit_axis(axis)
-    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    return x, np.cross(z, x)
-
-
-def with_rod_inertia(robot: Robot, of: Equations, found: Sequence[Closure], lumped: bool = False) -> Equations:
+def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure], lumped: bool = False) -> Equations:
     """The equations with mass and weight of all rods; lumped: a point mass at each end, (1 - a) m and a m."""
-    theta, gravity = by_name(of), ca.DM(robot.gravity)
-    for closure in found:
+    theta, gravity = by_name(equations), ca.DM(robot.gravity)
+    for closure in loops:
         rod, name = closure.loop.rod, closure.loop.name
         if rod is None:
             continue
@@ -106,58 +99,64 @@ def with_rod_inertia(robot: Robot, of: Equations, found: Sequence[Closure], lump
         else:
             masses = (m, (1 - a) * first + a * second), (inertia / closure.length**2, second - first)
         for mass, point in masses:
-            of = _with_mass(of, mass, point)
-        of = with_energies(of, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(of.D.shape[0], of.D.shape[1]))
-    return of
+            equations = _with_mass(equations, mass, point)
+        equations = with_energies(
+            equations, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(*equations.D.shape)
+        )
+    return equations
 
 
-def _with_mass(of: Equations, mass: ca.SX, point: ca.SX) -> Equations:
+def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
     """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
-    J = ca.jacobian(point, of.q)
-    velocity = J @ of.v
-    return replace(of, M=of.M + mass * J.T @ J, f=of.f + mass * J.T @ ca.jtimes(velocity, of.q, of.v))
+    J = ca.jacobian(point, equations.q)
+    velocity = J @ equations.v
+    return replace(
+        equations,
+        M=equations.M + mass * J.T @ J,
+        f=equations.f + mass * J.T @ ca.jtimes(velocity, equations.q, equations.v),
+    )
 
 
-def elastic(found: Sequence[Closure]) -> list[Closure]:
+def elastic(loops: Sequence[Closure]) -> list[Closure]:
     """Those with an elastic rod."""
-    return [closure for closure in found if closure.loop.rod is not None and closure.loop.rod.is_elastic]
+    return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
-def cut(of: Equations, found: Sequence[Closure]) -> Equations:
+def cut(equations: Equations, loops: Sequence[Closure]) -> Equations:
     """Elastic rods as springs and dampers between their end points."""
-    theta = by_name(of)
-    for closure in elastic(found):
+    theta = by_name(equations)
+    for closure in elastic(loops):
         name = closure.loop.name
         s = ca.norm_2(closure.gap) - closure.length
-        y = ca.gradient(s, of.q)
-        of = with_energies(of, theta[f"k_{name}"] * s**2 / 2, theta[f"d_{name}"] * y @ y.T)
-        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], s))
-    return of
+        y = ca.gradient(s, equations.q)
+        equations = with_energies(equations, theta[f"k_{name}"] * s**2 / 2, theta[f"d_{name}"] * y @ y.T)
+        equations = with_strains(equations, Strain(f"k_{name}", theta[f"k_{name}"], s))
+    return equations
 
 
-def stretching(of: Equations, found: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
+def stretching(equations: Equations, loops: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
     """Elastic rods with a coordinate `rod <name>` each; and the rows that close all loops, stretched as they are."""
-    with_rod = elastic(found)
-    n = len(of.coordinates)
-    of = with_coordinates(of, [f"rod {closure.loop.name}" for closure in with_rod])
-    theta, rows = by_name(of), []
-    for closure in found:
+    with_rod = elastic(loops)
+    n = len(equations.coordinates)
+    equations = with_coordinates(equations, [f"rod {closure.loop.name}" for closure in with_rod])
+    theta, rows = by_name(equations), []
+    for closure in loops:
         if closure not in with_rod:
             rows.append(closure.rows)
             continue
         name, i = closure.loop.name, n + with_rod.index(closure)
-        y = ca.DM(len(of.coordinates), 1)
+        y = ca.DM(len(equations.coordinates), 1)
         y[i] = 1
-        of = with_energies(of, theta[f"k_{name}"] * of.q[i] ** 2 / 2, theta[f"d_{name}"] * ca.sparsify(y @ y.T))
-        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], of.q[i]))
-        rows.append(rod_row(closure, closure.length + of.q[i]))
-    return of, rows
+        equations = with_energies(
+            equations, theta[f"k_{name}"] * equations.q[i] ** 2 / 2, theta[f"d_{name}"] * ca.sparsify(y @ y.T)
+        )
+        equations = with_strains(equations, Strain(f"k_{name}", theta[f"k_{name}"], equations.q[i]))
+        rows.append(rod_row(closure, closure.length + equations.q[i]))
+    return equations, rows
 
 
 # A singular value or a pivot below this part of the largest is zero.
 RANK_TOLERANCE = 1e-9
-# Of a pivot beside its row; smaller ones are taken only where the preferred dependent coordinates are used up.
-MIN_PIVOT = 0.05
 
 
 @dataclass(frozen=True)
@@ -191,15 +190,16 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
     A = Phi / np.where(scale > 0, scale, 1.0)
     rank = np.linalg.matrix_rank(Phi, tol=RANK_TOLERANCE * np.abs(Phi).max(initial=0.0)) if Phi.size else 0
     passes = [(tier <= last) & allowed for last in range(int(tier.max()) + 1)]
-    for least, columns in [*((MIN_PIVOT, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
+    # Pivots below 0.05 of their row only where the preferred dependent coordinates are used up.
+    for least, columns in [*((0.05, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
         while len(rows) < rank:
             size = np.abs(A) * columns
             size[rows] = 0.0
             row, column = np.unravel_index(int(np.argmax(size)), size.shape)
             if size[row, column] <= least:
                 break
-            others = np.setdiff1d(np.arange(len(A)), [*rows, row])
-            A[others] -= np.outer(A[others, column] / A[row, column], A[row])
+            rest = np.setdiff1d(np.arange(len(A)), [*rows, row])
+            A[rest] -= np.outer(A[rest, column] / A[row, column], A[row])
             rows.append(int(row))
             dependent.append(int(column))
     if len(rows) < rank or (chosen and len(chosen) != model.n_q - rank):

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.kernels import is_compiled
-from elastid.linear.response.condensation import Leaves
-from elastid.linear.response.ldl import Elimination
+from elastid.linear.response.ldl import Elimination, Leaves
 
 SOLVERS = [
     Leaves,
