@@ -156,22 +156,17 @@ def relaxed_design(
     M must be positive definite for equal shares.
     """
     packed = pack(H if known is None else H + known[:, None])
-    certified = None
-    if criterion.letter == "E" and np.isinf(criterion.softness):
-        certified = _smallest_eigenvalue(packed, criterion, tolerance)
-        if certified is not None and certified.gap <= tolerance:
-            return certified
-    climbed = _climbed(packed, criterion, tolerance)
-    return climbed if certified is None else min(certified, climbed, key=lambda design: design.gap)
-
-
-def _smallest_eigenvalue(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign | None:
-    """E by a semidefinite program, or nothing where that is too large."""
-    found = bounded_shares(packed, criterion.interest, criterion.over == "worst", criterion.value, tolerance)
-    if found is None:
-        return None
-    gap = found.bound - found.value
-    return RelaxedDesign(found.weights, found.value, gap, float(np.expm1(gap)))
+    if criterion.letter != "E" or np.isfinite(criterion.softness):
+        return _climbed(packed, criterion, tolerance)
+    bounded = bounded_shares(packed, criterion.interest, criterion.over == "worst", tolerance)
+    if bounded is None:
+        return _climbed(packed, criterion, tolerance)
+    weights, bound = bounded
+    value = float(criterion.value(unpack(weights @ packed)))
+    certified = RelaxedDesign(weights, value, bound - value, float(np.expm1(bound - value)))
+    if certified.gap <= tolerance:
+        return certified
+    return min(certified, _climbed(packed, criterion, tolerance), key=lambda design: design.gap)
 
 
 def _climbed(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign:
