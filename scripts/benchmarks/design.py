@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import MAX_GAP, DesignCriterion, RelaxedDesign, relaxed_design, whole
+from elastid.design.optimal import MAX_GAP, DesignCriterion, RelaxedDesign, relaxed_design, whole_experiments
 
 CANDIDATES, PARAMETERS, EXPERIMENTS = 7920, 12, 15
 
@@ -36,7 +36,7 @@ def bench(name: str, H: FloatArray, criterion: DesignCriterion) -> tuple[Relaxed
     start = time.process_time()
     shares = relaxed_design(H, criterion)
     between = time.process_time()
-    numbers = whole(H, shares.weights, EXPERIMENTS, criterion)
+    numbers = whole_experiments(H, shares.weights, EXPERIMENTS, criterion)
     end = time.process_time()
     value = float(criterion.value(np.einsum("q,sqij->sij", numbers, H) / EXPERIMENTS))
     efficiency = float(np.exp(value - shares.bound))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import DesignCriterion, Letter, Over, relaxed_design, whole
+from elastid.design.optimal import DesignCriterion, Letter, Over, relaxed_design, whole_experiments
 
 LETTERS: tuple[Letter, ...] = ("D", "A", "E")
 
@@ -81,7 +81,7 @@ def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to
     found = relaxed_design(H, criterion)
     assert found.excess <= 1e-3
     assert np.count_nonzero(found.weights > 1e-6) <= 12 * 13 / 2 + 1
-    numbers = whole(H, found.weights, 15, criterion)
+    numbers = whole_experiments(H, found.weights, 15, criterion)
     assert numbers.sum() == 15
     assert np.exp(criterion.value(np.einsum("q,sqij->sij", numbers, H) / 15) - found.bound) >= 0.97
 
@@ -94,7 +94,7 @@ def test_rounding_for_the_smallest_eigenvalue_costs_less_the_more_experiments_th
     found = relaxed_design(H, criterion)
     efficiency = []
     for count in (15, 60):
-        numbers = whole(H, found.weights, count, criterion)
+        numbers = whole_experiments(H, found.weights, count, criterion)
         efficiency.append(float(np.exp(criterion.value(np.einsum("q,sqij->sij", numbers, H) / count) - found.bound)))
     assert efficiency[0] > 0.84
     assert efficiency[1] > 0.93
@@ -106,7 +106,7 @@ def test_whole_experiments_come_close_to_the_best_of_all_combinations(letter: Le
     criterion = DesignCriterion(letter, np.eye(3))
     for seed in range(4):
         H = random_information(seed, Q=9, d=3)
-        numbers = whole(H, relaxed_design(H, criterion).weights, 4, criterion)
+        numbers = whole_experiments(H, relaxed_design(H, criterion).weights, 4, criterion)
         every = combinations_with_replacement(range(9), 4)
         best = max(float(criterion.value(H[:, list(four)].sum(axis=1))) for four in every)
         assert float(criterion.value(np.einsum("q,sqij->sij", numbers, H))) >= best - 1e-6
@@ -126,7 +126,7 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     criterion = DesignCriterion("D", np.eye(2))
     np.testing.assert_allclose(relaxed_design(H, criterion).weights, [0.5, 0.5], atol=1e-3)
     known = np.array([[[5.0, 0], [0, 1e-9]]])
-    assert whole(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
+    assert whole_experiments(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
 
 
 def test_a_subset_criterion_serves_the_subset() -> None:
