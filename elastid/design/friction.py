@@ -186,8 +186,8 @@ def _check_law(spec: FrictionSpec) -> None:
     if spec.law.presliding == "lugre" and spec.presliding is not None:
         raise StudyError(
             "friction.law.presliding: lugre, and slow loops (friction.presliding) do not identify the damping of "
-            "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out friction.presliding, or take "
-            "law.presliding: maxwell_slip"
+            "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out "
+            "friction.presliding, or take law.presliding: maxwell_slip"
         )
     if spec.law.temperature == "yes" and spec.warm_up is None:
         raise StudyError(

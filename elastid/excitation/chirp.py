@@ -10,8 +10,6 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 
 Sweep: TypeAlias = Literal["linear-sweep", "log-sweep", "prbs"]
 
-# Samples of a signal per cycle of its highest line: enough that little above half the rate folds back.
-_SAMPLES_PER_CYCLE = 64
 # Feedback taps of maximum-length shift registers by their length.
 _TAPS = {2: 1, 3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9, 15: 14, 17: 14, 18: 11}
 
@@ -19,7 +17,7 @@ _TAPS = {2: 1, 3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9, 15: 14, 17: 14,
 def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
     """Relative spectrum (F,) of one input at the lines, which are all the lines or all the odd ones of a band."""
     odd = bool(np.all(lines % 2))
-    n = 2 * _SAMPLES_PER_CYCLE * int(lines[-1])
+    n = 2 * 64 * int(lines[-1])  # samples of a cycle of the highest line: little above half the rate folds back
     length = n // 2 if odd else n
     signal = _binary(length, int(lines[-1])) if kind == "prbs" else _sweep(kind, length, lines, odd)
     period = np.concatenate([signal, -signal]) if odd else signal
