@@ -1,6 +1,6 @@
 """Amplitudes that a study leaves open: torques from the robot's limits, spectra of the most information.
 
-Each configuration gets its own spectrum, all of them found together for the criterion of the design, since they add up.
+Each configuration gets its own spectrum, all of them computed jointly for the criterion of the design, since they add.
 Before configurations are chosen a typical spectrum, the best one common to several candidates, stands for all.
 """
 
@@ -15,7 +15,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import visible
 from elastid.design.limits import power_costs, within_limits
-from elastid.design.optimal import DesignCriterion
 from elastid.design.optimal_powers import best_powers, even_powers
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import Prospect
@@ -52,20 +51,21 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
     """
     if problem.excitation.flat != "information":
         return problem
-    probe, kept, costs = problem.probe(problem.experiment), [], []
+    probe, measurements, costs = problem.probe(problem.experiment), [], []
     refused: StudyError | DataError | None = None
     for q, configuration in enumerate(probe.configurations):
         try:
             prospect = problem.prospect(probe, q)
-            for one in problem.guesses:
-                prospect.expected(configuration, one)
-            costs.append(_costs(problem, _only(probe, q), torque_rms))
-            kept.append((prospect, configuration, probe.realisations[q]))
+            for x in problem.guesses:
+                prospect.expected(configuration, x)
+            single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+            costs.append(_costs(problem, single, torque_rms))
+            measurements.append((prospect, configuration, probe.realisations[q]))
         except (StudyError, DataError) as error:
             refused = error
-    if refused is not None and not kept:
+    if refused is not None and not measurements:
         raise refused
-    return replace(problem, typical=_best(problem, kept, np.concatenate(costs), together=True)[0])
+    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
 
 
 def best_spectra_of(
@@ -91,26 +91,12 @@ def _best(
     cost: FloatArray,
     together: bool = False,
 ) -> FloatArray:
-    x = problem.guesses
-    known = problem.prior_information(x)
-    return best_spectra(measurements, cost, x, problem.criterion, known, problem.excitation.least, together)
-
-
-def best_spectra(
-    measurements: Sequence[tuple[Prospect, Configuration, int]],
-    cost: FloatArray,
-    x: FloatArray,
-    criterion: DesignCriterion,
-    known: FloatArray,
-    least: float,
-    together: bool = False,
-) -> FloatArray:
     """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 
     measurements: prospect, configuration and realisations of each.  cost (Q, n_o, F, n_u): `limits.power_costs`.
-    x (S, n_x): guesses.  known (S, n_x, n_x): information that is there already.  StudyError where fewer experiments
-    than inputs are run.
+    StudyError where fewer experiments than inputs are run.
     """
+    x = problem.guesses
     first = measurements[0][0]
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
@@ -119,21 +105,17 @@ def best_spectra(
             "fewer the inputs are separated by neighbouring lines, which must all be strong; take another flat, or "
             "leave experiment.experiments out"
         )
-    sources = [[prospect.source(c, one, M) for one in x] for prospect, c, M in measurements]
+    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
     even = even_powers(cost)
-    H = [[source.information(P) for source in sources_] for sources_, P in zip(sources, even, strict=True)]
-    criterion, ground = visible(criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
-    groups = [sources] if together else [[one] for one in sources]
+    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
+    known = problem.prior_information(x)
+    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
+    groups = [sources] if together else [[guesses] for guesses in sources]
     cost = cost.mean(axis=0, keepdims=True) if together else cost
-    best = best_powers(groups, cost, criterion, known + ground, least)
+    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))
 
 
 def _costs(problem: DesignProblem, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
     excitation = replace(problem.excitation, torque_rms=torque_rms)
     return power_costs(plan, excitation, problem.experiment, problem.robot, problem.seed)
-
-
-def _only(plan: Plan, q: int) -> Plan:
-    """One configuration of a plan."""
-    return replace(plan, configurations=plan.configurations[q : q + 1], R=plan.R[q : q + 1])

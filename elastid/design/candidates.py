@@ -15,13 +15,8 @@ from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-DEFAULT_COUNT = 200
 # A larger grid is taken for a typing error.
 MAX_GRID_POINTS = 200_000
-# Points checked along a straight link.
-POINTS_PER_LINK = 5
-# Random postures that separate singular values of the Jacobian that are zero everywhere (planar arm) from others.
-N_TYPICAL_POSTURES = 64
 
 
 @dataclass(frozen=True)
@@ -47,8 +42,9 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(_obstacles(spec, robot, angles))
-    if spec.singular > 0:
-        reasons.append((f"are singular (inverse condition below {spec.singular:g})", _singular(spec, robot, angles)))
+    if spec.singular > 0 and len(robot.driven) > 1:
+        singular = dexterity(robot, angles) < spec.singular
+        reasons.append((f"are singular (inverse condition below {spec.singular:g})", singular))
     left = np.ones(len(angles), dtype=np.bool_)
     refused: dict[str, int] = {}
     for reason, bad in reasons:
@@ -60,22 +56,20 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
             f"design.candidates: none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
             f"{_remedy(spec, robot, angles, list(refused))}"
         )
-    kept = tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist())
-    return Candidates(kept, refused)
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
 
 
 def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
     limits = np.array([joint.limits.angle for joint in robot.driven])
-    endless = [j.name for j, one in zip(robot.driven, limits, strict=True) if j.slides and not np.isfinite(one).all()]
+    endless = [j.name for j in robot.driven if j.slides and not np.isfinite(j.limits.angle).all()]
     if endless:
         raise StudyError(
             f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
             "both ends of its travel in the robot's file"
         )
-    each = np.broadcast_to(swing, len(limits))
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
     high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
-    for joint, by, a, b in zip(robot.driven, each.tolist(), low, high, strict=True):
+    for joint, by, a, b in zip(robot.driven, np.broadcast_to(swing, len(low)).tolist(), low, high, strict=True):
         if a > b:
             raise StudyError(
                 f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
@@ -91,8 +85,8 @@ def _proposed(
     """Names and angles (Q, n_u) before anything is refused."""
     n = len(robot.driven)
     if spec.given:
-        for name, one in spec.given.items():
-            if refused := robot.count_refusal(len(one)):
+        for name, given in spec.given.items():
+            if refused := robot.count_refusal(len(given)):
                 raise StudyError(f"design.candidates.given.{name}: {refused}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:
@@ -108,7 +102,7 @@ def _proposed(
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
     else:
         draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
-        angles = low + (high - low) * draw.random((spec.random or DEFAULT_COUNT, n))
+        angles = low + (high - low) * draw.random((spec.random or 200, n))
     return [f"candidate{i + 1}" for i in range(len(angles))], angles
 
 
@@ -140,15 +134,9 @@ def _along(skeleton: Skeleton) -> FloatArray:
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
-            part = np.linspace(0, 1, POINTS_PER_LINK + 2)[1:-1, None]
+            part = np.linspace(0, 1, 7)[1:-1, None]
             points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
     return np.concatenate(points, axis=1)
-
-
-def _singular(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> BoolArray:
-    if len(robot.driven) < 2:
-        return np.zeros(len(angles), dtype=np.bool_)
-    return np.asarray(dexterity(robot, angles) < spec.singular)
 
 
 def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -157,9 +145,10 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
     Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
     direction in which the tool can never move (out of the plane of a planar arm) does not count.
     """
-    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (N_TYPICAL_POSTURES, angles.shape[1]))
+    # Random postures separate singular values that are zero everywhere (planar arm) from others.
+    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, angles.shape[1]))
     slides = np.array([joint.slides for joint in robot.driven])
-    typical[:, slides] = angles[np.arange(N_TYPICAL_POSTURES) % len(angles)][:, slides]
+    typical[:, slides] = angles[np.arange(len(typical)) % len(angles)][:, slides]
     reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
 
     def values(q: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -19,50 +20,42 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.design.candidates import Candidates
-from elastid.design.optimal import DesignCriterion, relaxed_design, whole
+from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, GuessSpec, interest
 from elastid.experiment.plan.plan import ChosenConfiguration
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 
-# Relative to the best known direction of parameters; no candidate informs those below.
-MIN_RELATIVE_INFORMATION = 1e-12
-# Candidates of one piece of work; for fewer evaluations in all other processes are not started.
-CHUNK = 16
-MIN_EVALUATIONS = 400
-# Random choices of as many candidates, with which a choice is compared.
-N_RANDOM_CHOICES = 100
-
 
 @dataclass(frozen=True)
 class Choice:
-    """chosen: to be measured beside the configurations given.  periods: of each experiment.
+    """chosen: measured in addition to the configurations given.  periods: of each experiment.
 
     efficiency: of the whole experiments, relative to the best possible shares.  than_random: expected mean standard
-    deviation of the median random choice, relative to that of this one.  of: number of candidates.
+    deviation of the median random choice, relative to that of this one.  n_candidates: admissible ones.
     """
 
     chosen: tuple[ChosenConfiguration, ...]
     periods: int
     efficiency: float
     than_random: float
-    of: int
+    n_candidates: int
 
     @property
     def sentence(self) -> str:
         """The choice in a sentence."""
-        each = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
+        names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
         return (
-            f"chosen among {self.of} candidates: {each}, {self.periods} periods each; {100 * self.efficiency:.1f} % of "
-            f"the best possible allocation, standard deviations {self.than_random:.2f} times smaller in the mean than "
-            "for the median of random choices"
+            f"chosen among {self.n_candidates} candidates: {names}, {self.periods} periods each; "
+            f"{100 * self.efficiency:.1f} % of the best possible allocation, standard deviations "
+            f"{self.than_random:.2f} times smaller in the mean than for the median of random choices"
         )
 
 
 @dataclass(frozen=True)
 class InformationTask:
-    """How many experiments to choose, and with how many periods, beside the information that is there already.
+    """Number of experiments to choose and of their periods, with the information that exists without them.
 
     known (S, n_x, n_x): information of given configurations, earlier measurements and priors, for each guess.
     """
@@ -79,8 +72,8 @@ def draw_guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) ->
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x90,)))
     spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
     lower, upper = parameters.x_bounds
-    others = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
-    return np.vstack([parameters.x, np.clip(others, lower, upper)])
+    drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
+    return np.vstack([parameters.x, np.clip(drawn, lower, upper)])
 
 
 def choose_configurations(
@@ -99,27 +92,27 @@ def choose_configurations(
     """
     parameters = tasks[0].prospect.parameters
     wanted = interest(parameters.free_names, spec.parameters)
-    here = candidates.configurations
-    if spec.count is not None and len(here) < spec.count:
+    configurations = candidates.configurations
+    if spec.count is not None and len(configurations) < spec.count:
         raise StudyError(
-            f"design.count: {spec.count} configurations are asked for, {len(here)} candidates are admissible"
+            f"design.count: {spec.count} configurations are asked for, {len(configurations)} candidates are admissible"
             + (f" ({candidates.reasons})" if candidates.refused else "")
-            + f"; lower count to {len(here)}, give more candidates, or more realisations of each"
+            + f"; lower count to {len(configurations)}, give more candidates, or more realisations of each"
         )
     over = "mean" if spec.robust is None else spec.robust.over
     choices: list[tuple[float, Choice]] = []
     for task in tasks:
-        H, kept = informations(task.prospect, here, x, execution)
+        H, rows = informations(task.prospect, configurations, x, execution)
         criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
         known = task.known + ground
         shares = relaxed_design(H, criterion, known / task.count)
-        numbers = whole(H, shares.weights, task.count, criterion, known)
+        numbers = whole_experiments(H, shares.weights, task.count, criterion, known)
         value = _value(H, numbers, criterion, known)
         efficiency = math.exp(min(0.0, value - math.log(task.count) - shares.bound))
         random = _random_value(H, task.count, criterion, known, seed)
-        chosen = _named([here[i] for i in kept], numbers, task.prospect.realisations, taken)
+        chosen = _named([configurations[i] for i in rows], numbers, task.prospect.realisations, taken)
         than_random = math.exp((value - random) / 2)
-        choices.append((value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(kept))))
+        choices.append((value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 
@@ -130,18 +123,17 @@ def informations(
 
     StudyError or DataError of the first where none has.
     """
-    chunks = [configurations[i : i + CHUNK] for i in range(0, len(configurations), CHUNK)]
-    if len(configurations) * len(x) < MIN_EVALUATIONS:
+    chunks = [configurations[i : i + 16] for i in range(0, len(configurations), 16)]
+    if len(configurations) * len(x) < 400:  # less work than it takes to start other processes
         execution = replace(execution, jobs=1)
     parts = execution.ordered(partial(_informations, prospect, x), chunks)
-    found = [one for part in parts for one in part]
-    kept = [i for i, one in enumerate(found) if one is not None]
-    if not kept:
+    informative = {i: H for i, H in enumerate(chain.from_iterable(parts)) if H is not None}
+    if not informative:
         prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
             "design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor"
         )
-    return np.stack([one for one in found if one is not None], axis=1), np.array(kept)
+    return np.stack([*informative.values()], axis=1), np.array([*informative])
 
 
 def _informations(
@@ -153,7 +145,7 @@ def _informations(
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
     """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
     try:
-        return np.stack([prospect.expected(configuration, one).information(one) for one in x])
+        return np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
     except (StudyError, DataError):
         return None
 
@@ -166,9 +158,9 @@ def visible(
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
     eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))
-    blind = V[:, eigenvalues < MIN_RELATIVE_INFORMATION]
-    seen = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
-    columns = criterion.interest[:, [seen[int(np.argmax(column))] for column in criterion.interest.T]]
+    blind = V[:, eigenvalues < 1e-12]  # relative to the best known direction
+    informed = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
+    columns = criterion.interest[:, [informed[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
@@ -189,7 +181,7 @@ def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: 
     Q = H.shape[1]
     values = [
         _value(H, np.bincount(draw.choice(Q, count, replace=count > Q), minlength=Q), criterion, known)
-        for _ in range(N_RANDOM_CHOICES)
+        for _ in range(100)
     ]
     return float(np.median(values))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -14,8 +14,7 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.amplitudes import best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.choice import Choice, InformationTask, choose_configurations
-from elastid.design.expected_response import sticking
-from elastid.design.forecast import Forecast, LimitUse, check_line_count, forecast
+from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import nearest_run, within_limits
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import Prospect
@@ -23,15 +22,13 @@ from elastid.design.spec import DesignSpec, period_options, robot_time_refusal, 
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.model.elastic import ElasticModel
-from elastid.model.springs import deflections, tangents
-from elastid.record import Configuration
-
-# Relative change of the tangent stiffness by the amplitude that is not reported.
-MAX_CHANGE = 0.02
-# Gauss-Hermite quadrature: exact for polynomials, within a few percent at the flanks of a gap.
-N_NODES = 41
+from elastid.model.springs import deflections, tangents as tangent_stiffness
+from elastid.record import Configuration, drive_unit
+from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,8 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
     X = prospect.motion(configuration, x) @ _rows(model, load.joints).T
     sigma = np.sqrt(np.sum(np.abs(X) ** 2, axis=1) / 2).max(axis=0)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(N_NODES)
+    # Gauss-Hermite quadrature: exact for polynomials, within a few percent at the flanks of a gap.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     tangent = _tangents(model, load.joints)
     at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
     k_eq = weights @ at_nodes / weights.sum()
@@ -59,26 +57,50 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
 
 
 def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
-    """A note for each spring that the planned amplitude changes by more than MAX_CHANGE; x (n_x,)."""
-    if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
+    """A note for each spring that the planned amplitude changes by more than LIMITS.stiffness_change; x (n_x,)."""
+    joints = prospects[0].robot.joints
+    if all(joint.spring is None or joint.spring.is_linear for joint in joints):
         return ()
-    found = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
-    units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
-    return tuple(note for i, joint in enumerate(found[0].joints) for note in _notes(joint, units[joint], found, i))
-
-
-def _notes(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[Note]:
-    worst = max(found, key=lambda one: abs(one.change[i]))
-    change = float(worst.change[i])
-    if abs(change) > MAX_CHANGE:
-        yield Note(
-            "stiffened-spring",
-            f"the multisine deflects its spring by {worst.sigma[i]:.2g} {unit} rms in {worst.configuration}, which "
-            f"makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the "
+    springs = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
+    units = {joint.name: joint.unit for joint in joints}
+    notes = []
+    for i, joint in enumerate(springs[0].joints):
+        worst = max(springs, key=lambda spring: abs(spring.change[i]))
+        change = float(worst.change[i])
+        if abs(change) <= LIMITS.stiffness_change:
+            continue
+        text = (
+            f"the multisine deflects its spring by {worst.sigma[i]:.2g} {units[joint]} rms in {worst.configuration}, "
+            f"which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the "
             "model, and biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
-            f"{np.sqrt(abs(change) / MAX_CHANGE):.1f} or more",
-            f"joint {joint}",
+            f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
         )
+        notes.append(Note("stiffened-spring", text, f"joint {joint}"))
+    return tuple(notes)
+
+
+def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
+    """A note for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
+
+    Under a carrier the joints slide with any multisine.
+    """
+    if carrier is not None:
+        return ()
+    # Friction holds shafts, which gears may couple.
+    power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
+    rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
+    motors = zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True)
+    return tuple(
+        Note(
+            "sticking-motor",
+            f"its Coulomb friction ({coulomb:.3g} {drive_unit(joint.slides)}) is more than a third of its rms torque "
+            f"({torque:.3g} {drive_unit(joint.slides)}): the joint sticks, and friction looks like stiffness; raise "
+            "excitation.torque_rms or add experiment.simulated.carrier",
+            f"motor {joint.name}",
+        )
+        for joint, torque, coulomb in motors
+        if coulomb > LIMITS.coulomb_ratio * torque
+    )
 
 
 def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
@@ -93,13 +115,8 @@ def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:
     """Tangent stiffness (n_s,) at deflections (n_s,) and parameters (n_theta,)."""
     deflection, theta = ca.SX.sym("deflection", len(joints)), ca.SX.sym("theta", len(model.parameters))
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
-    found = tangents(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
-    return ca.Function("tangents", [deflection, theta], [ca.vertcat(*found.values())])
-
-
-# Rounds in which the damping by Coulomb friction and the motion that it damps converge, at most, and when they have.
-FRICTION_ROUNDS = 20
-MAX_DAMPING_CHANGE = 0.01
+    values = tangent_stiffness(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
+    return ca.Function("tangents", [deflection, theta], [ca.vertcat(*values.values())])
 
 
 @dataclass(frozen=True)
@@ -119,8 +136,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment, robot = problem.excitation, problem.experiment, problem.robot
-    settled = with_typical_spectrum(with_torques(problem), excitation.torque_rms)
-    settled = with_friction_damping(settled)
+    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
     choice = None
     if problem.design is not None:
         choice = _choose(settled, problem.design, execution)
@@ -152,9 +168,9 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     damped = problem
     probe = problem.probe(problem.experiment)
     before = np.zeros(len(problem.robot.driven))
-    for _ in range(FRICTION_ROUNDS):
+    for _ in range(20):
         d = np.mean(_equivalent_damping(damped, probe, damped.parameters.x), axis=0)
-        if np.all(np.abs(d - before) <= MAX_DAMPING_CHANGE * d):
+        if np.all(np.abs(d - before) <= 0.01 * d):
             break
         damped, before = _with_damping(problem, d), d
     return damped
@@ -162,18 +178,18 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
 
 def _equivalent_damping(problem: DesignProblem, probe: Plan, x: FloatArray) -> list[FloatArray]:
     """Damping (n_u,) by Coulomb friction in each configuration of a plan, but for candidates without equilibrium."""
-    given, found = problem.experiment.configurations, []
+    given, damping = problem.experiment.configurations, []
     refused: StudyError | DataError | None = None
     for q, configuration in enumerate(probe.configurations):
         try:
-            found.append(problem.prospect(probe, q).equivalent_damping(configuration, x))
+            damping.append(problem.prospect(probe, q).equivalent_damping(configuration, x))
         except (StudyError, DataError) as error:
             if configuration.name in given:
                 raise
             refused = error
-    if refused is not None and not found:
+    if refused is not None and not damping:
         raise refused
-    return found
+    return damping
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
@@ -182,16 +198,17 @@ def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
     for joint, more in zip(problem.robot.driven, d, strict=True):
         if joint.motor is not None:
             values[f"fm_{joint.name}"] = joint.motor.viscous + float(more) / joint.motor.ratio**2
-    unknown = {name: value for name, value in values.items() if name not in dict(problem.found)}
-    return replace(problem, robot=problem.robot.with_parameters(values), found=(*problem.found, *unknown.items()))
+    unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}
+    return replace(
+        problem, robot=problem.robot.with_parameters(values), fitted_values=(*problem.fitted_values, *unknown.items())
+    )
 
 
 def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> Choice:
     candidates = problem.candidates(spec)
     x = problem.guesses
     sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
-    refusal = robot_time_refusal(*sections)
-    if refusal:
+    if refusal := robot_time_refusal(*sections):
         raise StudyError(f"design.robot_time: {refusal}")
     options = [periods for periods in period_options(spec, problem.experiment) if room(*sections, periods) >= 1]
     tasks = [_task(problem, periods, room(*sections, periods), x) for periods in options]
@@ -208,7 +225,7 @@ def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> In
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
             prospect = problem.prospect(probe, q)
-            known = known + np.stack([prospect.expected(configuration, one).information(one) for one in x])
+            known = known + np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
     return InformationTask(problem.prospect(probe, len(probe.configurations) - 1), count, known)
 
 

@@ -1,4 +1,4 @@
-"""The expected response of a plan, as the fit will receive it, and the effects of Coulomb friction on it."""
+"""The expected response of a plan, as the fit will receive it, and damping and scatter by Coulomb friction."""
 
 from __future__ import annotations
 
@@ -10,14 +10,10 @@ from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.base.note import Note
 from elastid.excitation.multisine import synthesise
-from elastid.experiment.plan.plan import Plan
-from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.problem.elastic import ElasticFit, at_measured_places, elastic_fit
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import Weights
-from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.model.spec import ModelSpec
@@ -51,9 +47,9 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
     """The fit of all expected responses together."""
     first = expected[0]
     return elastic_fit(
-        [each.response for each in expected],
-        [each.model for each in expected],
-        [each.weights for each in expected],
+        [part.response for part in expected],
+        [part.model for part in expected],
+        [part.weights for part in expected],
         first.parameters,
         first.fit.criterion,
     )
@@ -94,12 +90,6 @@ def variance_like(
     return np.asarray(np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs)))
 
 
-# Lines over which the level of the distortion is averaged: it comes from few experiments.
-N_SMOOTHED_LINES = 9
-# Coulomb friction per rms torque: a multisine whose peaks are three times its rms still slides at a third.
-MAX_COULOMB_RATIO = 1 / 3
-
-
 def friction_level(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -107,38 +97,11 @@ def friction_level(
 
     coulomb (n_u,): Nm.  carrier_velocity (period_samples, n_u): rad/s, of every motor.
     """
-    v = np.stack([synthesise(lines, one, period_samples) for one in V]) + carrier_velocity
+    v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
     T = np.fft.rfft(coulomb * np.sign(v), axis=1)[:, lines] * (2 / period_samples)
     d = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
     power = np.mean(np.abs(T - d * V) ** 2, axis=0)
-    width = min(N_SMOOTHED_LINES, len(lines))
-    window = np.ones(width)
+    window = np.ones(min(9, len(lines)))  # it comes from few experiments: averaged over nine lines
     weight = np.convolve(np.ones(len(lines)), window, "same")
     smooth = np.stack([np.convolve(column, window, "same") / weight for column in power.T], axis=1)
     return d, smooth
-
-
-def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
-    """A note for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
-
-    Under a carrier the joints slide with any multisine.
-    """
-    if carrier is not None:
-        return ()
-    # Friction holds shafts, which gears may couple.
-    power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
-    rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
-    notes = []
-    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
-        if coulomb > MAX_COULOMB_RATIO * torque:
-            unit = "N" if joint.slides else "N*m"
-            notes.append(
-                Note(
-                    "sticking-motor",
-                    f"its Coulomb friction ({coulomb:.3g} {unit}) is more than a third of its rms torque "
-                    f"({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
-                    "excitation.torque_rms or add experiment.simulated.carrier",
-                    f"motor {joint.name}",
-                )
-            )
-    return tuple(notes)

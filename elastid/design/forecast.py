@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,11 +19,19 @@ from elastid.fit.problem.least_squares import as_real
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.parameters import ParameterSet
 
-# A direction whose standard deviation is larger (in ln p; of a linear parameter in its span) is undetermined.
-MAX_DIRECTION_STD = 1.0
-# Components of such a direction that a note names, and the correlation from which on a pair is reported.
-MIN_NAMED_COMPONENT = 0.2
-MIN_REPORTED_CORRELATION = 0.95
+
+@dataclass(frozen=True)
+class ForecastLimits:
+    """Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise."""
+
+    direction_std: float = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
+    component: float = 0.2  # of an undetermined direction, from which on a parameter is named
+    correlation: float = 0.95  # of a pair that is reported
+    stiffness_change: float = 0.02  # relative, of a tangent stiffness by the planned amplitude
+    coulomb_ratio: float = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
+
+
+LIMITS = ForecastLimits()
 
 
 @frozen_value
@@ -70,10 +79,11 @@ class Forecast:
     def strongest(self, name: str) -> tuple[str, float]:
         """The parameter whose estimate is most correlated with this one's, and how; '' where none is."""
         row = self.parameters.index(name)
-        others = np.nan_to_num(np.delete(np.abs(self.correlation[row]), row))
-        if not others.size or others.max() == 0:
+        strength = np.nan_to_num(np.abs(self.correlation[row]))
+        strength[row] = 0.0
+        column = int(np.argmax(strength))
+        if strength[column] == 0:
             return "", 0.0
-        column = int(np.argmax(np.where(np.arange(len(self.parameters)) == row, -1, np.insert(others, row, -1))))
         return self.parameters[column], float(self.correlation[row, column])
 
 
@@ -89,7 +99,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     fit = expected_fit(expected)
     covariance = estimate_uncertainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
     J = [rows for _, rows in fit.blocks(x)]
-    R = np.linalg.qr(np.vstack([as_real(one).reshape(len(x), -1).T for one in J] + [np.diag(fit.prior_slopes)]), "r")
+    R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     blind = _blind(np.asarray(R), parameters, x)
     return Forecast(
         parameters=parameters.free_names,
@@ -97,14 +107,13 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
         nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
         log=tuple(p.log for p in free),
         covariance=covariance,
-        configurations=tuple(each.response.configuration.name for each in expected),
+        configurations=tuple(e.response.configuration.name for e in expected),
         freq_hz=freq_hz,
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
         notes=(
-            *_unseen(blind, parameters.free_names),
-            *_too_few(len(blind), len(free), len(expected), len(freq_hz)),
-            *_tied(covariance, parameters.free_names),
+            *_undetermined(blind, parameters.free_names, len(expected), len(freq_hz)),
+            *_correlated(covariance, parameters.free_names),
         ),
     )
 
@@ -131,58 +140,42 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
 
 def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
     """Directions (n_b, n) of relative changes that move the expected responses by less than their noise."""
-    span = np.array(
-        [1.0 if p.log else _span(p.lower, p.upper, value) for p, value in zip(parameters.free, x, strict=True)]
-    )
+    ranges = [p.upper - p.lower for p in parameters.free]
+    linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x, strict=True)]
+    span = np.where([p.log for p in parameters.free], 1.0, linear)
     _, singular_values, Vt = np.linalg.svd(R * span)
-    return np.asarray(Vt[singular_values < 1 / MAX_DIRECTION_STD])
+    return np.asarray(Vt[singular_values < 1 / LIMITS.direction_std])
 
 
-def _span(lower: float, upper: float, value: float) -> float:
-    return upper - lower if np.isfinite(upper - lower) else abs(value) or 1.0
-
-
-def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list[Note]:
-    """One sentence where the plan does not determine all unknowns."""
-    if not blind:
-        return []
-    many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
-    return [
-        Note(
-            "undetermined-parameters",
-            f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
-            "stay undetermined; measure more configurations (`design` chooses the most informative), log more places, "
-            "excite more, or fix some of fit.parameters",
-        )
-    ]
-
-
-def _unseen(blind: FloatArray, names: Sequence[str]) -> list[Note]:
-    sentences = []
+def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, lines: int) -> list[Note]:
+    """A note for each undetermined direction (n_b, n), and one that counts them."""
+    notes = []
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
-        parts = [i for i in largest if abs(direction[i]) > MIN_NAMED_COMPONENT]
+        parts = [i for i in largest if abs(direction[i]) > LIMITS.component]
         who = ", ".join(names[i] for i in parts)
         if len(parts) == 1:
-            sentences.append(
-                Note(
-                    "undetermined-parameter",
-                    f"this plan cannot determine {who}: fix it, or measure outputs that depend on it",
-                )
-            )
+            text = f"this plan cannot determine {who}: fix it, or measure outputs that depend on it"
+            notes.append(Note("undetermined-parameter", text))
             continue
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        sentences.append(
-            Note(
-                "undetermined-combination",
-                f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of "
-                "them, or measure a configuration that distinguishes them",
-            )
+        text = (
+            f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of them, "
+            "or measure a configuration that distinguishes them"
         )
-    return sentences
+        notes.append(Note("undetermined-combination", text))
+    if len(blind):
+        many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
+        text = (
+            f"{many} with {lines} lines cannot determine the {len(names)} unknowns: {len(blind)} of them, or "
+            "combinations, stay undetermined; measure more configurations (`design` chooses the most informative), log "
+            "more places, excite more, or fix some of fit.parameters"
+        )
+        notes.append(Note("undetermined-parameters", text))
+    return notes
 
 
-def _tied(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
+def _correlated(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
     std = np.sqrt(np.diag(covariance))
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
@@ -192,7 +185,7 @@ def _tied(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
             f"{names[i]} and {names[j]} can barely be distinguished: their estimates will have a correlation of "
             f"{correlation[i, j]:.3f}",
         )
-        for i, j in np.argwhere(np.abs(correlation) > MIN_REPORTED_CORRELATION)
+        for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,34 +22,33 @@ from elastid.experiment.plan.friction import (
 )
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction_study.laws import LOWEST_SPEED, MIN_SPEEDS
-from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
+from elastid.friction_study.spec import FrictionSpec, PassesSpec, WarmUpSpec
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
-# At rest: period, its repetitions (the first is the transient), and draws of the random phases.
-REST_PERIOD_S, REST_PERIODS, REST_REALISATIONS = 1.0, 33, 2
-# Speeds of the test passes of a warm-up, as places in the sorted speeds of the passes.
-TEST_PLACES = (0.3, 0.65, 1.0)
+
+@dataclass(frozen=True)
+class _Load:
+    """A load of the study, or none: a name (empty without loads), a posture and a payload in kg."""
+
+    name: str
+    posture: Configuration
+    payload: float
 
 
 def passes_of(
-    spec: PassesSpec,
-    loads: Sequence[LoadSpec],
-    postures: Mapping[str, Configuration],
-    joint: str,
-    design: JointPassDesign,
-    seed: int,
+    spec: PassesSpec, loads: Sequence[_Load], joint: str, design: JointPassDesign, seed: int
 ) -> tuple[PlannedMotion, ...]:
     """The passes under every load, each set in an order of its own."""
     every = np.repeat(design.speed, design.passes.astype(int)).tolist()
     return tuple(
         PlannedMotion(
-            "-".join(filter(None, (f"j{joint}", load.name, one.name))),
-            joint, "passes", postures[load.name], load.name, load.payload, planned=one,
+            "-".join(filter(None, (f"j{joint}", load.name, planned.name))),
+            joint, "passes", load.posture, load.name, load.payload, planned=planned,
         )
         for i, load in enumerate(loads)
-        for one in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
+        for planned in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
     )  # fmt: skip
 
 
@@ -58,41 +57,35 @@ def standstill_of(
 ) -> tuple[PlannedMotion, ...]:
     """Growing loops and small multisines of the torque in the middle of the window."""
     joint, law = axis.joint.name, axis.guess.law
-    there, found = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
-    if spec.presliding is not None:
-        one = spec.presliding
-        low, high = (share * law.stiction for share in one.torque)
-        torque = growing_loops(low, high, one.loops, one.frequency_hz, spec.rate_hz)
-        period = round(spec.rate_hz / one.frequency_hz)
-        found.append(PlannedMotion(f"j{joint}-loops", joint, "loops", there, torque=torque, period_samples=period))
-    if spec.at_rest is None:
-        return tuple(found)
-    n = round(REST_PERIOD_S * spec.rate_hz)
-    for share in spec.at_rest.torque:
-        for draw in range(REST_REALISATIONS):
-            period_torque = small_multisine(share * law.coulomb, spec.at_rest.band_hz, n, spec.rate_hz, rng)
-            name = f"j{joint}-rest-{share:g}-{draw}"
-            torque = np.tile(period_torque, REST_PERIODS)
-            found.append(PlannedMotion(name, joint, "at_rest", there, torque=torque, period_samples=n))
-    return tuple(found)
+    middle, motions = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
+    if (loops := spec.presliding) is not None:
+        low, high = (share * law.stiction for share in loops.torque)
+        torque = growing_loops(low, high, loops.loops, loops.frequency_hz, spec.rate_hz)
+        period = round(spec.rate_hz / loops.frequency_hz)
+        motions.append(PlannedMotion(f"j{joint}-loops", joint, "loops", middle, torque=torque, period_samples=period))
+    if spec.at_rest is not None:
+        n = round(1.0 * spec.rate_hz)  # a period of 1 s
+        for share in spec.at_rest.torque:
+            for draw in range(2):
+                period_torque = small_multisine(share * law.coulomb, spec.at_rest.band_hz, n, spec.rate_hz, rng)
+                name = f"j{joint}-rest-{share:g}-{draw}"
+                torque = np.tile(period_torque, 33)  # the first period is the transient
+                motions.append(PlannedMotion(name, joint, "at_rest", middle, torque=torque, period_samples=n))
+    return tuple(motions)
 
 
 def timed(
     motions: Iterable[PlannedMotion], limits: PassLimits, start_s: float, rate_hz: float
 ) -> tuple[tuple[PlannedMotion, ...], float]:
     """The motions one after the other from start_s on, and the end of the last."""
-    found, clock = list[PlannedMotion](), start_s
+    started, clock = list[PlannedMotion](), start_s
     for motion in motions:
-        found.append(replace(motion, start_s=clock))
-        clock += duration_s(motion, limits, rate_hz)
-    return tuple(found), clock
-
-
-def duration_s(motion: PlannedMotion, limits: PassLimits, rate_hz: float) -> float:
-    """How long a motion takes."""
-    if motion.planned is not None:
-        return pass_time(motion.planned, limits)
-    return 0.0 if motion.torque is None else len(motion.torque) / rate_hz
+        started.append(replace(motion, start_s=clock))
+        if motion.planned is not None:
+            clock += pass_time(motion.planned, limits)
+        elif motion.torque is not None:
+            clock += len(motion.torque) / rate_hz
+    return tuple(started), clock
 
 
 def warm_up_of(
@@ -107,13 +100,14 @@ def warm_up_of(
         )
     reach = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, reach.start, reach.stop, spec.speed, start_s, spec.time)
-    places = sorted({round(place * (len(design.speed) - 1)) for place in TEST_PLACES})
+    # A slow, a medium and the highest speed of the passes.
+    places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
         group = (planned_pass(design.speed[place], number, limits) for place in places)
         motions = (
-            PlannedMotion(f"j{joint}-test-{one.name}", joint, "passes", posture, planned=one, is_warm_up=True)
-            for one in group
+            PlannedMotion(f"j{joint}-test-{test.name}", joint, "passes", posture, planned=test, is_warm_up=True)
+            for test in group
         )
         tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
     return warm_up, tuple(tests), start_s + spec.time
@@ -125,27 +119,27 @@ def design_friction(
     """The plan of a study of `joints`, one after the other.
 
     Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass, and for a
-    part of the law that is asked for and that these experiments cannot tell.
+    part of the law that is asked for and that these experiments cannot identify.
     """
     _check_law(spec)
-    found = list[_Planned]()
+    parts, end_s = list[_Planned](), 0.0
     for number, joint in enumerate(joints):
-        start_s = found[-1].end_s if found else 0.0
-        found.append(_planned(spec, joint, experiment, robot, (seed, number), start_s))
+        parts.append(_planned(spec, joint, experiment, robot, (seed, number), end_s))
+        end_s = parts[-1].end_s
     return FrictionPlan(
         spec.rate_hz,
-        tuple(motion for one in found for motion in one.motions),
-        tuple(one.design for one in found),
-        found[-1].end_s if found else 0.0,
-        tuple(warm_up for one in found for warm_up in one.warm_ups),
-        tuple(_known(one.axis, one.design) for one in found),
-        tuple(dict.fromkeys(sentence for one in found for sentence in _unknown(spec, one.axis, one.design))),
+        tuple(motion for part in parts for motion in part.motions),
+        tuple(part.design for part in parts),
+        end_s,
+        tuple(warm_up for part in parts for warm_up in part.warm_ups),
+        tuple(_known(part.axis, part.design) for part in parts),
+        tuple(dict.fromkeys(sentence for part in parts for sentence in _unknown(spec, part.axis, part.design))),
     )
 
 
 @dataclass(frozen=True)
 class _Planned:
-    """What is done with one joint, and when it ends."""
+    """The experiments on one joint, and their end."""
 
     axis: Axis
     design: JointPassDesign
@@ -158,14 +152,14 @@ def _planned(
     spec: FrictionSpec, joint: Joint, experiment: ExperimentSpec, robot: Robot, seed: tuple[int, int], start_s: float
 ) -> _Planned:
     controller = experiment.as_simulated().controller
-    loads = spec.loads or (LoadSpec(""),)
-    postures = {load.name: _posture(experiment, robot, load.configuration) for load in loads}
+    loads = [_Load(load.name, _posture(experiment, robot, load.configuration), load.payload) for load in spec.loads]
+    loads = loads or [_Load("", _posture(experiment, robot, None), 0.0)]
     axes = [
-        axis_of(with_point_mass(robot, load.payload), joint, postures[load.name], spec.designed_passes, controller)
+        axis_of(with_point_mass(robot, load.payload), joint, load.posture, spec.designed_passes, controller)
         for load in loads
     ]
     # The load that takes most of the torque decides ramps and speeds of all.
-    axis = max(axes, key=lambda one: one.holding)
+    axis = max(axes, key=lambda axis: axis.holding)
     speeds = _speeds(spec, axis)
     axis.check_speeds(speeds.speed, controller.bandwidth_hz)
     design = JointPassDesign(
@@ -174,8 +168,8 @@ def _planned(
     draws = np.random.SeedSequence(seed).spawn(2)
     motions, end_s = timed(
         (
-            *passes_of(spec.designed_passes, loads, postures, joint.name, design, int(draws[0].generate_state(1)[0])),
-            *standstill_of(spec, axis, postures[loads[0].name], np.random.default_rng(draws[1])),
+            *passes_of(spec.designed_passes, loads, joint.name, design, int(draws[0].generate_state(1)[0])),
+            *standstill_of(spec, axis, loads[0].posture, np.random.default_rng(draws[1])),
         ),
         axis.limits,
         start_s,
@@ -183,7 +177,7 @@ def _planned(
     )
     if spec.warm_up is None:
         return _Planned(axis, design, motions, (), end_s)
-    warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[loads[0].name], end_s)
+    warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, loads[0].posture, end_s)
     return _Planned(axis, design, (*motions, *tests), (warm_up,), end_s)
 
 
@@ -191,9 +185,9 @@ def _check_law(spec: FrictionSpec) -> None:
     """StudyError for a part of the law without the conditions or the experiment that it needs."""
     if spec.law.presliding == "lugre" and spec.presliding is not None:
         raise StudyError(
-            "friction.law.presliding: lugre, and slow loops (friction.presliding) do not tell the damping of bristles; "
-            "give friction.at_rest, which tells stiffness and damping, and leave out friction.presliding, or take "
-            "law.presliding: maxwell_slip"
+            "friction.law.presliding: lugre, and slow loops (friction.presliding) do not identify the damping of "
+            "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out "
+            "friction.presliding, or take law.presliding: maxwell_slip"
         )
     if spec.law.temperature == "yes" and spec.warm_up is None:
         raise StudyError(
@@ -235,7 +229,7 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
 
 
 def _known(axis: Axis, design: JointPassDesign) -> str:
-    """What the passes tell of a joint."""
+    """The design of the passes of a joint in a sentence."""
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (
@@ -246,19 +240,19 @@ def _known(axis: Axis, design: JointPassDesign) -> str:
 
 
 def _unknown(spec: FrictionSpec, axis: Axis, design: JointPassDesign) -> list[str]:
-    """What the levels will not tell, and what would."""
-    nu_s, found = axis.guess.law.stribeck_velocity, []
+    """Parts of the law that the levels will not identify, and experiments that would."""
+    nu_s, unknown = axis.guess.law.stribeck_velocity, []
     if len(design.speed) < MIN_SPEEDS:
-        found.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")
+        unknown.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")
     elif design.speed[0] > LOWEST_SPEED * nu_s:
-        found.append(
+        unknown.append(
             f"{axis.limits.place}: stiction and its Stribeck velocity: no speed below a third of about {nu_s:.3g} "
             f"{axis.limits.unit}/s; measure at {LOWEST_SPEED * nu_s:.2g} and below"
         )
     if len(spec.loads) < 2:
-        found.append("growth with the load: one load; give loads, other postures or payloads")
+        unknown.append("growth with the load: one load; give loads, other postures or payloads")
     if spec.warm_up is None:
-        found.append("change with temperature: one temperature; give warm_up")
+        unknown.append("change with temperature: one temperature; give warm_up")
     if spec.presliding is None and spec.at_rest is None:
-        found.append("friction before the joint slides: give presliding or at_rest")
-    return found
+        unknown.append("friction before the joint slides: give presliding or at_rest")
+    return unknown

@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
-from elastid.design.optimal import DesignCriterion, relaxed_design, whole
+from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
 from elastid.experiment.plan.friction import RAMP_PEAK, PassLimits, fastest_speed
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.simulated import ControllerSpec
@@ -23,8 +23,6 @@ from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.simulation.controller import feed_forward, tune
 
-# Speeds that may be chosen, spaced logarithmically.
-CANDIDATES = 200
 LINEAR, SEARCHED = ("coulomb", "excess", "viscous"), ("stribeck_velocity", "exponent")
 
 
@@ -66,11 +64,11 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
         )
     if count < d:
         raise DataError(f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
-    speeds = np.geomspace(lowest, highest, CANDIDATES)
+    speeds = np.geomspace(lowest, highest, 200)
     H = np.stack([_information(guess, speeds) for guess in guesses])
     criterion = DesignCriterion("D", np.eye(d))
     relaxed = relaxed_design(H, criterion)
-    numbers = whole(H, relaxed.weights, count, criterion)
+    numbers = whole_experiments(H, relaxed.weights, count, criterion)
     reached = criterion.value(np.einsum("q,sqij->sij", numbers / count, H))
     chosen = numbers > 0
     return PassSpeeds(speeds[chosen], numbers[chosen], relaxed.excess, float(np.exp(float(reached) - relaxed.value)))
@@ -79,35 +77,45 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
     """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
-    at = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
+    conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "excess": guess.stiction - guess.coulomb, "viscous": guess.viscous}
     eta = {"stribeck_velocity": guess.stribeck_velocity, "exponent": guess.exponent}
-    J = np.hstack([columns(at, LINEAR, eta, 0.0), slopes(at, linear, SEARCHED, eta, 0.0)])
+    J = np.hstack([columns(conditions, LINEAR, eta, 0.0), slopes(conditions, linear, SEARCHED, eta, 0.0)])
     J = J * np.array([*linear.values(), *eta.values()]) / guess.coulomb
     return np.asarray(J[:, :, None] * J[:, None, :])
 
 
-# Where the file has no friction: parts of the largest torque and of the highest speed (LiTH-ISY-R-2948 has F_c of 3 %
-# of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is three times F_c).
-COULOMB_SHARE, VELOCITY_SHARE, STICTION_RATIO, VISCOUS_RATIO = 0.03, 0.05, 1.6, 2.0
-# Stribeck velocities that a design serves, over the guessed one: it is the number that is known least.
-VELOCITY_SPREAD = (0.4, 1.0, 2.5)
-# Of a joint without limits: torque over its inertia times 1 rad/s^2, and speed.
-FREE_TORQUE_RATE, FREE_SPEED = 10.0, 2.0
+@dataclass(frozen=True)
+class CommonGear:
+    """Friction where the robot's file has none, and limits where a joint has none.
+
+    LiTH-ISY-R-2948 has F_c of 3 % of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is
+    three times F_c.
+    """
+
+    coulomb: float = 0.03  # of the largest torque
+    stiction: float = 1.6  # over F_c
+    viscous: float = 2.0  # at the highest speed, over F_c
+    stribeck_velocity: float = 0.05  # of the highest speed
+    torque_rate: float = 10.0  # largest torque over inertia, rad/s^2
+    speed: float = 2.0  # highest, rad/s
+
+
+GEAR = CommonGear()
 
 
 @dataclass(frozen=True)
 class FrictionGuess:
-    """law: link side.  is_from_file: whether the robot's file has it, or the defaults."""
+    """law: link side.  is_from_file: true if the robot's file has it, else of common gears."""
 
     law: StribeckGuess
     is_from_file: bool
 
     @property
     def spread(self) -> tuple[StribeckGuess, ...]:
-        """The laws that a design must serve."""
+        """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
         nu_s = self.law.stribeck_velocity
-        return tuple(replace(self.law, stribeck_velocity=factor * nu_s) for factor in VELOCITY_SPREAD)
+        return tuple(replace(self.law, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
 
     def torque(self, speed: float) -> float:
         """F(v), Nm: what braking takes at a speed."""
@@ -123,32 +131,22 @@ class FrictionGuess:
 
 
 def guess_friction(robot: Robot, joint: Joint, inertia: float) -> FrictionGuess:
-    """The friction of a driven joint as far as the file tells it.
+    """The friction of a driven joint as far as the file has it.
 
     inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
     Stribeck velocity that the file does not have are those of common gears.
     """
-    speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else FREE_SPEED
-    torque = joint.limits.torque if math.isfinite(joint.limits.torque) else FREE_TORQUE_RATE * inertia
+    speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else GEAR.speed
+    torque = joint.limits.torque if math.isfinite(joint.limits.torque) else GEAR.torque_rate * inertia
     viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.viscous * joint.motor.ratio**2)
-    placed = [one for one in frictions(robot) if one.place in (f"motor {joint.name}", f"joint {joint.name}")]
-    curves = [one.curve().tolist() for one in placed]
-    coulomb = sum(curve[0] for curve in curves) or COULOMB_SHARE * torque
-    excess = sum(curve[1] - curve[0] for curve in curves) or (STICTION_RATIO - 1) * coulomb
-    nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), VELOCITY_SHARE * speed)
-    exponent = next((one.spec.exponent for one in placed if one.spec.stribeck_velocity is not None), 2.0)
-    viscous = viscous or VISCOUS_RATIO * coulomb / speed
-    return FrictionGuess(StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent), bool(placed))
-
-
-# Of the joint's limits, about their middle, unless a window is given; without limits, so far to either side.
-WINDOW_SHARE, FREE_REACH = 0.5, {False: 1.0, True: 0.25}
-# Time from rest to full speed unless the joint's acceleration is given; share of its torque that passes may take.
-RAMP_S, TORQUE_SHARE = 0.4, 0.9
-# Slowest pass over the guessed Stribeck velocity: slower ones would tell as much in more time.
-SLOWEST_SHARE = 0.03
-# Angles of the window at which the holding torque is looked at, and speeds that are tried.
-WINDOW_POINTS, SPEEDS = 21, 200
+    laws = [law for law in frictions(robot) if law.place in (f"motor {joint.name}", f"joint {joint.name}")]
+    curves = [law.curve().tolist() for law in laws]
+    coulomb = sum(curve[0] for curve in curves) or GEAR.coulomb * torque
+    excess = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb
+    nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), GEAR.stribeck_velocity * speed)
+    exponent = next((law.spec.exponent for law in laws if law.spec.stribeck_velocity is not None), 2.0)
+    viscous = viscous or GEAR.viscous * coulomb / speed
+    return FrictionGuess(StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent), bool(laws))
 
 
 @dataclass(frozen=True)
@@ -172,13 +170,13 @@ class Axis:
         return self.holding + self.inertia * self.limits.acceleration + friction
 
     def sticks_at(self, speed: float) -> bool:
-        """Whether friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
+        """True if friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
         return self.damping + self.guess.slope(speed) <= 0
 
     @property
     def slowest(self) -> float:
-        """The slowest speed worth a pass at which the joint slides steadily."""
-        lowest = SLOWEST_SHARE * self.guess.law.stribeck_velocity
+        """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
+        lowest = 0.03 * self.guess.law.stribeck_velocity
         sticking = [v for v in self._speeds(lowest).tolist() if self.sticks_at(v)]
         return 1.05 * max(sticking, default=lowest)
 
@@ -217,12 +215,12 @@ class Axis:
 
     def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:
         top = highest or max(lowest * 2, 20 * self.guess.law.stribeck_velocity)
-        return np.geomspace(lowest, top, SPEEDS)
+        return np.geomspace(lowest, top, 200)
 
 
 def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSpec, controller: ControllerSpec) -> Axis:
     """A joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
-    index = [one.name for one in robot.driven].index(joint.name)
+    index = [driven.name for driven in robot.driven].index(joint.name)
     window = passes.window or default_window(joint)
     holding, inertia, damping = _dynamics(robot, index, posture, window, controller)
     guess = guess_friction(robot, joint, inertia)
@@ -239,20 +237,19 @@ def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSp
 
 
 def default_window(joint: Joint) -> tuple[float, float]:
-    """The middle half of the joint's limits."""
+    """The middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
     low, high = joint.limits.angle
     if not (math.isfinite(low) and math.isfinite(high)):
-        reach = FREE_REACH[joint.slides]
-        low, high = max(low, -reach / WINDOW_SHARE), min(high, reach / WINDOW_SHARE)
-    middle, half = (low + high) / 2, WINDOW_SHARE * (high - low) / 2
+        reach = 0.5 if joint.slides else 2.0
+        low, high = max(low, -reach), min(high, reach)
+    middle, half = (low + high) / 2, 0.5 * (high - low) / 2
     return middle - half, middle + half
 
 
 @lru_cache(maxsize=16)
 def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> FloatArray:
     model = model_of(robot)
-    there = Configuration(name, np.array(angles)).moved(index, angle)
-    return equilibrium(model, model.theta, there).q
+    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).moved(index, angle)).q
 
 
 def _dynamics(
@@ -261,8 +258,8 @@ def _dynamics(
     """Largest |holding torque| over the window, inertia, and damping k_d of the loop."""
     model = model_of(robot)
     q0 = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
-    moved = np.zeros((WINDOW_POINTS, model.n_u))
-    moved[:, index] = np.linspace(*window, WINDOW_POINTS) - sum(window) / 2
+    moved = np.zeros((21, model.n_u))
+    moved[:, index] = np.linspace(*window, len(moved)) - sum(window) / 2
     still = np.zeros_like(moved)
     holding = feed_forward(model, q0, moved, still, still)[:, index]
     gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio)
@@ -271,13 +268,13 @@ def _dynamics(
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: FrictionGuess) -> float:
-    """Of the ramps: within the joint's limit, and within the torque that gravity and friction leave."""
+    """Of the ramps: within the joint's limit, 0.4 s to full speed, and 90 % of the torque less gravity and friction."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
-    given = min(limits.acceleration, RAMP_PEAK * speed / RAMP_S)
+    given = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
     if not math.isfinite(limits.torque):
         return given
-    room = TORQUE_SHARE * limits.torque - holding - guess.law.stiction
+    room = 0.9 * limits.torque - holding - guess.law.stiction
     if room <= 0:
         unit = "N" if joint.slides else "N*m"
         raise StudyError(

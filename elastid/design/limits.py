@@ -14,7 +14,7 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.crest import peaks as signal_peaks
-from elastid.excitation.spec import MultisineSpec, Signal
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import Rehearsal, derivatives
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.torque_spectra import torque_rms
@@ -41,12 +41,13 @@ def nearest_run(plan: Plan, name: str, experiment: ExperimentSpec, robot: Robot,
 def limits_of(robot: Robot, configuration: Configuration, carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
     """Limits (5, n_u) in a configuration, in the order of QUANTITIES."""
     limits = [joint.limits for joint in robot.driven]
-    angles = configuration.angles
-    room = [min(one.angle[1] - angle, angle - one.angle[0]) for one, angle in zip(limits, angles, strict=True)]
-    is_offset = carrier is not None and carrier.kind == "offset"
-    v = np.abs(carrier.velocities(len(plan.inputs))) if carrier is not None and is_offset else np.inf
-    rows = ([x.torque for x in limits], room, [x.velocity for x in limits], [x.acceleration for x in limits])
-    return np.array([*rows, np.broadcast_to(v, len(limits))], dtype=np.float64)
+    room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
+    v = np.full(len(limits), np.inf)
+    if carrier is not None and carrier.kind == "offset":
+        v = np.abs(carrier.velocities(len(limits)))
+    return np.array(
+        [[x.torque for x in limits], room, [x.velocity for x in limits], [x.acceleration for x in limits], v]
+    )
 
 
 def rehearsed_peaks(
@@ -55,20 +56,20 @@ def rehearsed_peaks(
     """Peaks (5, n_u) of every run of the wanted configurations (Q,), by its name; amplitudes times factor (Q, n_u)."""
     plan = replace(rig.plan, R=rig.plan.R * factor[:, None, None, None, :])
     names = {c.name for c, is_wanted in zip(plan.configurations, wanted, strict=True) if is_wanted}
-    todo = [e for e in plan.experiments if e.configuration.name in names]
-    found = execution.ordered(partial(_peaks_of, replace(rig, plan=plan)), todo)
-    return {experiment.name: one for experiment, one in zip(todo, found, strict=True)}
+    runs = [e for e in plan.experiments if e.configuration.name in names]
+    peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=plan)), runs)
+    return {run.name: peak for run, peak in zip(runs, peaks, strict=True)}
 
 
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
     """Largest peaks (Q, 5, n_u) of the runs in each configuration."""
-    of = {
-        c.name: [runs[e.name] for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations
-    }
-    return np.array([np.max(of[c.name], axis=0) for c in plan.configurations])
+    return np.array([
+        np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
+        for c in plan.configurations
+    ])  # fmt: skip
 
 
-def nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
+def _nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
     """The name of the run that comes closest to a limit (Q, 5, n_u)."""
     index = {c.name: q for q, c in enumerate(plan.configurations)}
     return max(plan.experiments, key=lambda e: float((runs[e.name] / limit[index[e.configuration.name]]).max())).name
@@ -108,14 +109,7 @@ def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     return peaks_of_run(rig, experiment, position, torque)
 
 
-# The signals of the motors that have a limit each.
-_SIGNALS: tuple[Signal, ...] = ("torque", "position", "velocity", "acceleration")
-
-MAX_REHEARSALS = 8
 FILL_SHARE = 0.98  # of the room that a rescaled configuration is to fill
-MIN_GROWTH = 1.05  # amplitudes are not raised by a smaller factor
-BALANCING_STEPS = 15
-SAMPLES_PER_CYCLE = 16
 
 
 def within_limits(
@@ -129,7 +123,7 @@ def within_limits(
     """The plan with amplitudes whose peaks in the rehearsal keep the margin, and these peaks.
 
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
-    configuration alike.  Raises StudyError where a limit leaves no room for any excitation.
+    configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
     """
     rig = nominal_rig(plan, experiment, robot, seed)
     limit, base = _limits_and_base(rig, excitation.margin)
@@ -143,7 +137,7 @@ def within_limits(
     scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
-    peak, nearest = largest_peaks(plan, runs), nearest_to_limits(plan, runs, limit)
+    peak, nearest = largest_peaks(plan, runs), _nearest_to_limits(plan, runs, limit)
     return scaled, LimitUse(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest, plan.sliding)
 
 
@@ -155,7 +149,7 @@ def power_costs(
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 
     T from injected torques to torque, position, velocity and acceleration of the motors, room_o the rest of a limit
-    beside the movement, kappa the expected crest factor of M E experiments of F lines with random phases; where
+    apart from the movement, kappa the expected crest factor of M E experiments of F lines with random phases; where
     torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
     Raises StudyError where a limit leaves no room, and where nothing limits a motor.
     """
@@ -169,21 +163,21 @@ def power_costs(
         rms = torque_rms(excitation, robot)
         own = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
     costs = []
-    for q, here in enumerate(room):
+    for q, (torque, position, velocity, acceleration, turning_back) in enumerate(room):
         if excitation.torque_rms == "limits":
-            _check_ends(plan, here)
+            _check_ends(plan, room[q])
         power = np.abs(_response(rig, q)) ** 2
-        least = np.array([here[0], here[1], np.minimum(here[2], here[4]), here[3]]).ravel()
+        least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration]).ravel()
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
         costs.append(np.concatenate([own, motion]))
     return np.array(costs)
 
 
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
-    """T (F, 4 n_u, n_u) of the q-th configuration, from injected torques to _SIGNALS."""
+    """T (F, 4 n_u, n_u) of the q-th configuration, from injected torques to the four signals of the motors."""
     plan = rig.plan
     predict = closed_loop_of(rig.robot, rig.simulated.controller, plan.rate_hz)
-    return predict(plan.configurations[q], plan.freq_hz).of(_SIGNALS)
+    return predict(plan.configurations[q], plan.freq_hz).stacked(("torque", "position", "velocity", "acceleration"))
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
@@ -226,18 +220,18 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
     response = _response(rig, q)
 
     def used(largest: FloatArray) -> FloatArray:
-        each = largest.reshape(4, -1)
-        return np.asarray((np.concatenate([each, each[2:3]]) / room).max(axis=0))
+        peak = largest.reshape(4, -1)
+        return np.asarray((np.concatenate([peak, peak[2:3]]) / room).max(axis=0))
 
     def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
         S = np.einsum("foi,mefi->meof", response, realisations * a)
-        return used(np.max([signal_peaks(plan.lines, one, SAMPLES_PER_CYCLE).max(axis=0) for one in S], axis=0))
+        return used(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
 
     a = wanted = np.ones(len(plan.inputs))
     if is_shared:
         S = np.einsum("foi,efi->eof", response, plan.R[q, 0])
         wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=2).mean(axis=0)))
-    for _ in range(BALANCING_STEPS):
+    for _ in range(15):
         a = a * (wanted / peak_used(a, plan.R[q, :1])) ** 0.8
     return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
 
@@ -264,19 +258,20 @@ def _rehearse(
     plan = rig.plan
     runs: dict[str, FloatArray] = {}
     open_ = np.ones(len(factor), dtype=np.bool_)
-    for rehearsal in range(MAX_REHEARSALS):
+    for rehearsal in range(8):
         runs |= rehearsed_peaks(rig, factor, open_, execution)
         peak = largest_peaks(plan, runs)
         with np.errstate(divide="ignore", invalid="ignore"):
             growth = np.where(peak > base, (allowed - base) / (peak - base), np.inf).min(axis=(1, 2))
+        # Amplitudes are raised once, and not by less than 5 %.
         may_grow = is_free and rehearsal == 0
-        open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (FILL_SHARE * growth > MIN_GROWTH))
+        open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (FILL_SHARE * growth > 1.05))
         if not open_.any():
             return factor, runs
         factor = np.where(open_[:, None], factor * (FILL_SHARE * np.minimum(growth, 10.0))[:, None], factor)
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
-        f"configuration {names}: after {MAX_REHEARSALS} rehearsals with decreasing amplitudes the peaks are still "
+        f"configuration {names}: after 8 rehearsals with decreasing amplitudes the peaks are still "
         "beyond the limits; lower excitation.torque_rms, or raise excitation.margin or the limits"
     )
 

@@ -28,22 +28,10 @@ Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]
 
 MAX_GAP = 1e-3
-MAX_UPDATES = 10_000
-# A round of updates that raises phi by less has converged: the rest of the gap comes from the soft minima below.
-MIN_PROGRESS = 1e-7
-# Powers of the soft minima of eigenvalues and guesses in the search; the bound is computed with the true minima.
-EIGENVALUE_POWER = 30.0
+# Power of the soft minimum over guesses in the search; the bound is computed with the true minimum.
 GUESS_POWER = 300.0
 # Updates between two evaluations of all candidates; in between only those that could carry weight are updated.
 UPDATES_PER_ROUND = 25
-# A singular information matrix is regularised by this part of its diagonal.
-RIDGE = 1e-13
-# Starts of the search for whole experiments, and its number of candidates: those with the largest gains.
-N_STARTS, N_SEARCHED = 6, 400
-# Powers p on the way to the smallest eigenvalue.
-POWER_SEQUENCE = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-# Candidates for which an exchange is computed exactly, after a first-order ranking of all.
-N_SCREENED = 40
 
 
 @dataclass(frozen=True)
@@ -66,7 +54,7 @@ class DesignCriterion:
     def _solved(self, M: FloatArray) -> FloatArray:
         """M^-1 K (..., d, s); a singular M gets huge variances."""
         diagonal = np.einsum("...ii->...i", M)
-        ridge = RIDGE * np.maximum(diagonal, RIDGE * diagonal.max(axis=-1, keepdims=True))
+        ridge = 1e-13 * np.maximum(diagonal, 1e-13 * diagonal.max(axis=-1, keepdims=True))
         K = self.interest
         regular = M + ridge[..., None] * np.eye(M.shape[-1])
         return np.asarray(np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape))))
@@ -92,7 +80,8 @@ class DesignCriterion:
         X = self._solved(M)
         variances, V = np.linalg.eigh(K.T @ X)
         phi = self._hard(variances)
-        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, EIGENVALUE_POWER)}[self.letter]
+        # The search for E has a soft minimum of the eigenvalues; its bound is computed with the true one.
+        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, 30.0)}[self.letter]
         relative = (variances / variances.max(axis=1, keepdims=True)) ** power
         share = relative / relative.sum(axis=1, keepdims=True)  # of each eigenvalue in the gradient
         # grad ln Phi_p = X V diag(share / variance) V^T X^T; for E scaled so that it bounds the smallest eigenvalue.
@@ -152,42 +141,39 @@ def relaxed_design(
 ) -> RelaxedDesign:
     """The shares of candidates with information H (S, Q, d, d) per experiment, until the gap is below tolerance.
 
-    known (S, d, d): information that is there already, divided by the number of experiments to be shared.
+    known (S, d, d): earlier information, divided by the number of experiments to be shared.
     M must be positive definite for equal shares.
     """
     packed = pack(H if known is None else H + known[:, None])
-    certified = None
-    if criterion.letter == "E" and np.isinf(criterion.softness):
-        certified = _smallest_eigenvalue(packed, criterion, tolerance)
-        if certified is not None and certified.gap <= tolerance:
-            return certified
-    climbed = _climbed(packed, criterion, tolerance)
-    return climbed if certified is None else min(certified, climbed, key=lambda design: design.gap)
-
-
-def _smallest_eigenvalue(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign | None:
-    """E by a semidefinite program, or nothing where that is too large."""
-    found = bounded_shares(packed, criterion.interest, criterion.over == "worst", criterion.value, tolerance)
-    if found is None:
-        return None
-    gap = found.bound - found.value
-    return RelaxedDesign(found.weights, found.value, gap, float(np.expm1(gap)))
+    if criterion.letter != "E" or np.isfinite(criterion.softness):
+        return _climbed(packed, criterion, tolerance)
+    bounded = bounded_shares(packed, criterion.interest, criterion.over == "worst", tolerance)
+    if bounded is None:
+        return _climbed(packed, criterion, tolerance)
+    weights, bound = bounded
+    value = float(criterion.value(unpack(weights @ packed)))
+    certified = RelaxedDesign(weights, value, bound - value, float(np.expm1(bound - value)))
+    if certified.gap <= tolerance:
+        return certified
+    return min(certified, _climbed(packed, criterion, tolerance), key=lambda design: design.gap)
 
 
 def _climbed(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign:
     """The shares that multiplicative updates of equal ones reach."""
     weights = np.full(packed.shape[1], 1 / packed.shape[1])
     slope = criterion.slope(unpack(weights @ packed))
-    for updates in range(0, MAX_UPDATES + 1, UPDATES_PER_ROUND):
+    max_updates = 10_000
+    for updates in range(0, max_updates + 1, UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         excess = float(g.max()) - 1
         gap = slope.slack + float(np.log1p(excess))
-        if gap <= tolerance or updates == MAX_UPDATES:
+        if gap <= tolerance or updates == max_updates:
             break
         active = np.flatnonzero((weights > 1e-4 * weights.max()) | (g > 1 - 2 * max(excess, tolerance)))
         before = slope.searched
         weights, slope = _climb(packed[:, active], weights, active, criterion)
-        if updates and abs(slope.searched - before) < min(MIN_PROGRESS, tolerance / 1e4):
+        # Converged: the rest of the gap comes from the soft minima.
+        if updates and abs(slope.searched - before) < min(1e-7, tolerance / 1e4):
             tolerance = np.inf
     return RelaxedDesign(weights, slope.value, gap, excess)
 
@@ -218,27 +204,27 @@ def _climb(
     return everyone, slope
 
 
-def whole(
+def whole_experiments(
     H: FloatArray, weights: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray | None = None
 ) -> IntArray:
     """Numbers (Q,) of whole experiments of each candidate, `count` in all: shares rounded, then exchanged one by one.
 
     The best of several starts, one of them the rounded shares, the others drawn from the shares.
-    known (S, d, d): information that is there already, undivided.
+    known (S, d, d): earlier information, undivided.
     """
     packed = pack(H)
     base = np.zeros((len(H), packed.shape[-1])) if known is None else pack(known)
     slope = criterion.slope(unpack(base / count + weights @ packed))
-    searched = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:N_SEARCHED]
+    searched = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:400]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    starts = [_apportioned(share, count), *draw.multinomial(count, share, N_STARTS - 1)]
+    starts = [_apportioned(share, count), *draw.multinomial(count, share, 5)]
     if criterion.letter == "E":
         # The smallest eigenvalue alone is a poor guide from far away; means of increasing power approach it.
-        for softness in POWER_SEQUENCE:
+        for softness in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0):
             soft = replace(criterion, softness=softness)
-            starts = [_exchanged(one, packed[:, searched], base, soft)[0] for one in starts]
-    ends = [_exchanged(one, packed[:, searched], base, criterion) for one in starts]
+            starts = [_exchanged(start, packed[:, searched], base, soft)[0] for start in starts]
+    ends = [_exchanged(start, packed[:, searched], base, criterion) for start in starts]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[searched] = max(ends, key=lambda end: end[1])[0]
     return numbers
@@ -265,10 +251,10 @@ def _exchanged(
 
 def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
     """The candidate that adds most to information `rest` (S, p), and the value with it."""
-    # The gradient half way: without the removed experiment M may be close to singular.
+    # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
     slope = criterion.slope(unpack(rest + packed[:, leaves] / 2))
     g = _gains(packed, slope)
-    best = np.argsort(-g, kind="stable")[:N_SCREENED]
+    best = np.argsort(-g, kind="stable")[:40]
     values = criterion.value(unpack(rest[:, None] + packed[:, best]))
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])

@@ -31,12 +31,7 @@ from elastid.fit.problem.least_squares import as_real
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
 MAX_GAP = 0.01
-MAX_UPDATES = 1000
-# Updates without progress after which their exponent is halved, and its least value.
-PATIENCE, MIN_EXPONENT = 60, 0.2
 MIN_PRICE = 1e-12
-# Even powers: steps of balancing, and the share of an input in a limit from which on that limit bounds the input.
-BALANCING_STEPS, MIN_LIMIT_SHARE = 30, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +58,8 @@ class PowerSource:
         eigenvalues, V = np.linalg.eigh(gradient)
         half = V * np.sqrt(np.maximum(eigenvalues, 0.0))
         rows = half.T @ as_real(self.J).reshape(len(self.J), -1)
-        seen = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
-        per_column = np.einsum("fij,fi->fj", seen * self._weight(P) ** 2, self.error)
+        squares = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
+        per_column = np.einsum("fij,fi->fj", squares * self._weight(P) ** 2, self.error)
         return np.asarray(np.einsum("flj,fj->fl", self.spread, per_column) / P**2)
 
     def _weight(self, P: FloatArray) -> FloatArray:
@@ -97,7 +92,7 @@ def best_powers(
     """The best powers, where all configurations of a group have the same.
 
     groups: for each group its configurations, each with a PowerSource for each of S guesses.  cost (K, n_o, F, n_u):
-    c of each group; every input and line must have one.  known (S, n_x, n_x): information that is there already.
+    c of each group; every input and line must have one.  known (S, n_x, n_x): earlier information.
     least: epsilon.
     """
     even = even_powers(cost)
@@ -108,7 +103,7 @@ def best_powers(
     share, price = (1 - least) * even, np.full(room.shape, 1 / room.size)
     weight = np.full(len(known), 1 / len(known))
     best, bound, start, exponent, since = Powers(even, -np.inf, -np.inf, np.inf), np.inf, -np.inf, 1.0, 0
-    for update in range(MAX_UPDATES):
+    for update in range(1000):
         P = least * even + share
         M = _information(groups, P, known)
         phi, gradient = _weighed(criterion, M, weight)
@@ -124,8 +119,8 @@ def best_powers(
             best = Powers(P, value, start, np.inf)
         if bound - best.value <= tolerance:
             break
-        if since > PATIENCE:
-            exponent, since = max(exponent / 2, MIN_EXPONENT), 0
+        if since > 60:
+            exponent, since = max(exponent / 2, 0.2), 0
         share = share * (ratio / ratio.max()) ** exponent
         used = _used(cost, share) / room
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
@@ -164,10 +159,10 @@ def even_powers(cost: FloatArray) -> FloatArray:
     """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
     per_input = cost.sum(axis=2)
     level = 1 / per_input.max(axis=1)
-    for _ in range(BALANCING_STEPS):
+    for _ in range(30):
         used = np.einsum("kol,kl->ko", per_input, level)
-        # Of the limits that bound an input, the one that is used most.
-        counts = per_input * level[:, None, :] > MIN_LIMIT_SHARE * used[..., None]
+        # Of the limits that bound an input (it has a tenth of what is used, or more), the one that is used most.
+        counts = per_input * level[:, None, :] > 0.1 * used[..., None]
         level = level / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
     level = level / np.einsum("kol,kl->ko", per_input, level).max(axis=1, keepdims=True)
     return np.repeat(level[:, None, :], cost.shape[2], axis=1)
@@ -191,9 +186,9 @@ def _gains(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, gra
     """d phi / d P (K, F, n_u)."""
     gains = [
         sum(
-            source.gains(powers, one)
+            source.gains(powers, slope)
             for configuration in group
-            for source, one in zip(configuration, gradient, strict=True)
+            for source, slope in zip(configuration, gradient, strict=True)
         )
         for group, powers in zip(groups, P, strict=True)
     ]

@@ -31,18 +31,15 @@ from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
-# Candidates that stand for all of them, and their realisations, where the excitation is found before any is chosen.
-N_PROBES, PROBE_REALISATIONS = 8, 4
-
 
 @frozen_value
 class DesignProblem:
     """The sections of a study that a plan depends on, and earlier measurements.
 
-    left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
-    parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.  typical
-    (F, n_u): spectrum that stands for all while none is found for each configuration.  friction: whether the estimator
-    leaves that of the motors in the responses.
+    left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
+    of parameters, from a fit of these.  like: responses whose variance is expected again.  model: of the fit.  typical
+    (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves that of
+    the motors in the responses.
     """
 
     robot: Robot
@@ -54,7 +51,7 @@ class DesignProblem:
     design: DesignSpec | None = None
     left_out: tuple[str, ...] = ()
     measured: tuple[FrequencyResponse, ...] = ()
-    found: tuple[tuple[str, float], ...] = ()
+    fitted_values: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
@@ -67,14 +64,14 @@ class DesignProblem:
 
     @property
     def parameters(self) -> ParameterSet:
-        """The parameters of the fit, at the values that earlier fits found.
+        """The parameters of the fit, at the values of earlier fits.
 
         Robots and other groups of configurations have parameters of their own where all configurations are given; those
         chosen by a design are of one robot.
         """
         given = () if self.design is not None else tuple(self.experiment.configurations)
         parameters = choose(self.fit, self.robot, [name for name in given if name not in self.left_out])
-        known = dict(self.found)
+        known = dict(self.fitted_values)
         return parameters.with_values(
             {p.name: min(max(known[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in known}
         )
@@ -111,13 +108,13 @@ class DesignProblem:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
         own = dict(spectra or {})
         if self.typical is not None:
-            for name in (*experiment.configurations, *(one.configuration.name for one in chosen)):
+            for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
                 own.setdefault(name, self.typical)
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
         return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
-    def probe(self, experiment: ExperimentSpec, realisations: int = PROBE_REALISATIONS) -> Plan:
-        """A plan of the given configurations, and of a few more that stand for all candidates.
+    def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
+        """A plan of the given configurations, and of eight more that stand for all candidates.
 
         Its phases are random where the study's are optimised, since it is not measured.
         """
@@ -126,7 +123,7 @@ class DesignProblem:
             drawn = replace(self, excitation=replace(self.excitation, phases="random"))
         if self.design is None:
             return drawn.plan(experiment)
-        some = self.candidates(self.design).configurations[:N_PROBES]
+        some = self.candidates(self.design).configurations[:8]
         return drawn.plan(
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
@@ -159,19 +156,17 @@ class DesignProblem:
 
     @property
     def friction_is_left(self) -> bool:
-        """Whether the responses will contain the motors' friction: it is not taken out, or cannot be found."""
+        """True if the responses will contain the motors' friction: it is not taken out, or cannot be identified."""
         outputs = self.simulated.outputs or self.robot.motor_locations
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
-        shows = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
-        return self.friction == "none" or not shows or not set(self.robot.motor_locations) <= set(outputs)
+        is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
+        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(outputs)
 
     def fitted(self, plan: Plan) -> list[tuple[Prospect, Configuration, int]]:
-        """Prospect, configuration and realisations of each configuration of a plan that the fit sees."""
-        each = enumerate(zip(plan.configurations, plan.realisations, strict=True))
-        return [
-            (self.prospect(plan, q), c, realisations) for q, (c, realisations) in each if c.name not in self.left_out
-        ]
+        """Prospect, configuration and realisations of each configuration of a plan that the fit uses."""
+        measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
+        return [(self.prospect(plan, q), c, M) for q, (c, M) in measured if c.name not in self.left_out]
 
     def prior_information(self, x: FloatArray) -> FloatArray:
         """Information (S, n_x, n_x) of priors and earlier measurements at guesses x (S, n_x)."""
@@ -179,8 +174,8 @@ class DesignProblem:
         slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
         known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
         for response in self.measured:
-            for s, one in enumerate(x):
-                model = linear_model(self.robot, self.model, parameters, response, one)
+            for s, guess in enumerate(x):
+                model = linear_model(self.robot, self.model, parameters, response, guess)
                 expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
-                known[s] += expected.information(one)
+                known[s] += expected.information(guess)
         return known

@@ -149,27 +149,25 @@ class Prospect:
         motors = self.robot.motor_locations
         both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
-        every = frequency_response(both, theta, self.freq_hz)
-        model = both.with_outputs(range(n_u, len(both.outputs)))
-        return model, every[:, n_u:], every[:, :n_u]
+        G = frequency_response(both, theta, self.freq_hz)
+        return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
 
     def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
         """U (M, E, F, n_u): the acting torques, those injected less the controller's reaction."""
-        _, _, motion = self._local(configuration, x)
-        return self._acting(self._sensitivity(configuration, motion))
+        return self._acting(self._sensitivity(configuration, self._local(configuration, x)[2]))
 
     def motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
         """X (M E, F, n_q): amplitude spectra of joints and motors under the multisine, rad or m; 0 for rods."""
         local = self.linearisation
         theta = self.parameters.expand(x)
         coordinates = local.model.coordinates
-        there = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
-        model = local.at(configuration, theta[:-1], [coordinates[i] for i in there], "position")
+        places = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
+        model = local.at(configuration, theta[:-1], [coordinates[i] for i in places], "position")
         # The motion itself, without the lags of the sensors.
         G = frequency_response(replace(model, chain=()), theta, self.freq_hz)
         moved = (G @ self.torques(configuration, x)[..., None])[..., 0]
         X = np.zeros((moved.shape[0] * moved.shape[1], len(self.lines), len(coordinates)), complex)
-        X[:, :, there] = moved.reshape(*X.shape[:2], -1)
+        X[:, :, places] = moved.reshape(*X.shape[:2], -1)
         return X
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
@@ -186,9 +184,8 @@ class Prospect:
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         right = self._error(U, G, motion)
         noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
-        if level.distortion > 0:
-            return Covariance(noise + distortion, math.inf)
-        return Covariance(noise, math.inf, left, right)
+        factors = () if level.distortion > 0 else (left, right)
+        return Covariance(noise + distortion, math.inf, *factors)
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""

@@ -181,10 +181,10 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
     StudyError for a pattern that matches none of the names.
     """
     chosen = {pattern: matching(pattern, names) for pattern in patterns}
-    for pattern, found in chosen.items():
-        if not found:
+    for pattern, matches in chosen.items():
+        if not matches:
             raise StudyError(f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
-    counts = [not patterns or any(name in found for found in chosen.values()) for name in names]
+    counts = [not patterns or any(name in matches for matches in chosen.values()) for name in names]
     return np.eye(len(names))[:, counts]
 
 
@@ -196,7 +196,7 @@ def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int,
 
 
 def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> int:
-    """How many configurations of so many periods can be chosen beside those given."""
+    """The number of configurations of so many periods that can be chosen in addition to those given."""
     if spec.robot_time is None:
         return spec.count or 0
     unit = unit_time_s(excitation, experiment, n_u, periods)
@@ -215,6 +215,7 @@ def robot_time_refusal(spec: DesignSpec, excitation: MultisineSpec, experiment: 
         return ""
     given, shortest = len(experiment.configurations), unit_time_s(excitation, experiment, n_u, min(options))
     return (
-        f"{spec.robot_time:g} s leave no room for a configuration beside the {given} given: one takes {shortest:g} s "
-        f"of the robot's time; give at least {(given + 1) * shortest:g} s, or fewer realisations or periods"
+        f"{spec.robot_time:g} s leave no room for a configuration in addition to the {given} given: one takes "
+        f"{shortest:g} s of the robot's time; give at least {(given + 1) * shortest:g} s, or fewer realisations or "
+        "periods"
     )

@@ -22,11 +22,6 @@ from elastid.excitation.phases import random_phases, schroeder
 # p, samples per cycle of the highest line, iterations at most.
 _EARLY = ((4, 4, 60), (8, 4, 60), (16, 4, 60), (32, 8, 60), (64, 8, 60))
 _LATE = ((128, 12, 60), (512, 16, 100), (2048, 20, 100), (8192, 32, 100))
-# Starts, of which the best is carried to the end; the ends of sets differ less, half are enough.
-_STARTS = 4
-# Samples per cycle of the highest line at which a peak is missed by 0.5 % at most.
-_PEAK_SAMPLES = 32
-_MIN_SIGNAL = 1e-30
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,8 @@ def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = 
     """
     E, F, n_u = signals.base.shape
     candidates = []
-    for start in range(_STARTS if E == 1 else _STARTS // 2):
+    # The best of four starts is carried to the end; the ends of sets differ less, two are enough.
+    for start in range(4 if E == 1 else 2):
         inside = random_phases((F, n_u), rng)
         if is_alone and start == 0:
             power = np.sqrt(np.mean(np.abs(signals.base) ** 2, axis=0))
@@ -67,8 +63,8 @@ def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = 
     return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
 
 
-def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = _PEAK_SAMPLES) -> FloatArray:
-    """Largest |x(t)| (...,) of signals with the spectra S (..., F), sought between the samples too."""
+def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = 32) -> FloatArray:
+    """Largest |x(t)| (...,) of signals with the spectra S (..., F); with 32 samples a cycle 0.5 % too small at most."""
     return np.asarray(np.abs(_signal(lines, S, samples_per_cycle * (int(lines[-1]) + 1))).max(axis=-1))
 
 
@@ -94,8 +90,8 @@ def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, 
     E, F, n_u = signals.base.shape
     U, S = signals.spectra(phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E))
     x = _signal(signals.lines, S, n)
-    largest = max(float(np.abs(x).max()), _MIN_SIGNAL)
-    z = np.where(x == 0, _MIN_SIGNAL, x / largest)
+    largest = max(float(np.abs(x).max()), 1e-30)
+    z = np.where(x == 0, 1e-30, x / largest)
     power = z * z
     for _ in range(p.bit_length() - 2):
         np.multiply(power, power, out=power)

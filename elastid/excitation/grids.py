@@ -22,9 +22,6 @@ Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "
 _STEP = {"full": 1, "odd": 2, "odd-odd": 4, "odd-random": 2, "quasi-log": 1, "odd-quasi-log": 2, "lines": 1}
 _MULTIPLES = {1: "multiples of", 2: "odd multiples of", 4: "1, 5, 9 ... times"}
 
-# A band edge meant to lie on a line must find it in spite of rounding; in lines.
-_ON_A_LINE = 1e-6
-
 
 @frozen_value
 class Lines:
@@ -54,8 +51,9 @@ def grid_lines(
     """
     step = _STEP[grid]
     spacing = rate_hz / period_samples
-    first = max(1, math.ceil(band_hz[0] / spacing - _ON_A_LINE))
-    last = min((period_samples - 1) // 2, math.floor(band_hz[1] / spacing + _ON_A_LINE))
+    # A band edge meant to lie on a line does so in spite of rounding.
+    first = max(1, math.ceil(band_hz[0] / spacing - 1e-6))
+    last = min((period_samples - 1) // 2, math.floor(band_hz[1] / spacing + 1e-6))
     lines = np.arange(first, last + 1)
     lines = lines[lines % step == 1 % step]
     if lines.size == 0:
@@ -81,8 +79,8 @@ def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: fl
 
 def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lines:
     """One of every `group` consecutive lines (F,) left out at random; an incomplete last group stays whole."""
-    whole = len(lines) // group
-    left_out = np.arange(whole) * group + rng.integers(0, group, whole)
+    groups = len(lines) // group
+    left_out = np.arange(groups) * group + rng.integers(0, group, groups)
     return Lines(np.delete(lines, left_out), lines[left_out])
 
 

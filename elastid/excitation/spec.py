@@ -11,15 +11,10 @@ from elastid.base.units import Frequency, JointTorque, Time
 from elastid.excitation.grids import Grid, Lines, chosen_lines, grid_lines, with_detection
 from elastid.excitation.phases import Orthogonal
 
-# Of a period: a day at 1 kHz.
-MAX_SAMPLES = 1e8
-# Default of `least`.
-MIN_POWER_SHARE = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
 AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
 
-_NEW_IN_EVERY_REALISATION = ("random", "optimised")
 _SWEEPS = ("linear-sweep", "log-sweep", "prbs")
 
 
@@ -69,7 +64,7 @@ class MultisineSpec:
         "are nearly known, for the smallest intervals.")] = "torque"
     least: Annotated[float, Key("Part of a flat torque's power that every line keeps under flat: information.",
         "more where the nominal numbers are rough, so that a mode elsewhere than expected is still excited; less gains "
-        "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = MIN_POWER_SHARE
+        "some percent of standard deviation. 0.1 keeps a third of the amplitude.")] = 0.1
     power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive where high "
         "resonances need more, negative where position limits allow and low lines drown in friction; 0 leaves the "
         "spectrum as `flat` says.")] = 0.0
@@ -95,10 +90,10 @@ class MultisineSpec:
         for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
             if not number > 0:
                 raise ValueError(f"{name} is {number:g}; it must be positive")
-        if samples > MAX_SAMPLES:
+        if samples > 1e8:  # a day at 1 kHz
             raise ValueError(
                 f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a record can "
-                f"hold ({MAX_SAMPLES:.0e}); shorten the period or lower rate_hz"
+                "hold (1e+08); shorten the period or lower rate_hz"
             )
         if abs(samples - round(samples)) > 1e-6 * samples:
             raise ValueError(
@@ -144,7 +139,7 @@ class MultisineSpec:
                 f"least is {self.least:g}; it is the part of a flat torque's power that every line keeps, above 0 (a "
                 "line without power has no response) and up to 1"
             )
-        if self.flat != "information" and self.least != MIN_POWER_SHARE:
+        if self.flat != "information" and self.least != 0.1:
             raise ValueError("least belongs to flat: information; set that, or leave least out")
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
             other = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
@@ -157,8 +152,8 @@ class MultisineSpec:
 
     @property
     def is_new_in_every_realisation(self) -> bool:
-        """Whether every realisation has phases of its own."""
-        return self.phases in _NEW_IN_EVERY_REALISATION
+        """True if every realisation has phases of its own."""
+        return self.phases in ("random", "optimised")
 
     def realisation_refusal(self, realisations: int) -> str:
         """Why so many realisations make no sense with these phases; empty where they do."""

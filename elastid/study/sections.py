@@ -117,7 +117,7 @@ class Study:
     @property
     def places(self) -> Places:
         """The robot, or what stands in for it: the structure that the channels of the logs name."""
-        return self.robot or Structure.of(self.experiment.channels)
+        return self.robot or Structure.from_channels(self.experiment.channels)
 
     @property
     def kind(self) -> Kind:

@@ -3,24 +3,20 @@
     python scripts/benchmarks/design.py [--quick]
 
 7920 random candidates with 12 parameters (the size of Wernholt and Lofberg's study, CDC 2007), 15 whole experiments:
-CPU seconds, certified gap, and the efficiency of the whole experiments against the bound that no design can exceed; the
-E-optimal shares also by a general semidefinite solver, Clarabel, where it is installed (group oracles), which must find
-the same eigenvalue. Every gap is at most 1e-3 but for D over the worst guess. At the end the same as one line of JSON.
+CPU seconds, certified gap, and the efficiency of the whole experiments against the bound that no design can exceed;
+every gap is at most 1e-3 but for D over the worst guess. At the end the same as one line of JSON.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import time
 
 import numpy as np
-from scipy import sparse
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import MAX_GAP, DesignCriterion, RelaxedDesign, relaxed_design, whole
-from elastid.design.smallest_eigenvalue import pack
+from elastid.design.optimal import MAX_GAP, DesignCriterion, RelaxedDesign, relaxed_design, whole_experiments
 
 CANDIDATES, PARAMETERS, EXPERIMENTS = 7920, 12, 15
 
@@ -40,7 +36,7 @@ def bench(name: str, H: FloatArray, criterion: DesignCriterion) -> tuple[Relaxed
     start = time.process_time()
     shares = relaxed_design(H, criterion)
     between = time.process_time()
-    numbers = whole(H, shares.weights, EXPERIMENTS, criterion)
+    numbers = whole_experiments(H, shares.weights, EXPERIMENTS, criterion)
     end = time.process_time()
     value = float(criterion.value(np.einsum("q,sqij->sij", numbers, H) / EXPERIMENTS))
     efficiency = float(np.exp(value - shares.bound))
@@ -49,31 +45,6 @@ def bench(name: str, H: FloatArray, criterion: DesignCriterion) -> tuple[Relaxed
         f"{end - between:5.2f} s    {np.count_nonzero(shares.weights > 1e-4)} positions carry weight"
     )
     return shares, efficiency, between - start, end - start
-
-
-def clarabel_eigenvalue(H: FloatArray, K: FloatArray) -> tuple[float, float]:
-    """The log of the largest t with M >= t K K^T, M of shares of H (1, Q, d, d), by Clarabel, and CPU seconds."""
-    import clarabel
-
-    _, Q, d, _ = H.shape
-    start = time.process_time()
-    # Unknowns t and the shares; rows: they add up to one, none is negative, M - t K K^T is positive semidefinite.
-    rows = [
-        sparse.csc_matrix(np.append(0.0, np.ones(Q))[None]),
-        sparse.hstack([sparse.csc_matrix((Q, 1)), -sparse.eye(Q)]),
-        sparse.csc_matrix(np.column_stack([pack(K @ K.T), -pack(H[0]).T])),
-    ]
-    constraints = sparse.csc_matrix(sparse.vstack(rows))
-    right = np.append(1.0, np.zeros(constraints.shape[0] - 1))
-    cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(Q), clarabel.PSDTriangleConeT(d)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    settings.tol_gap_abs = settings.tol_gap_rel = MAX_GAP
-    goal = np.append(-1.0, np.zeros(Q))
-    solved = clarabel.DefaultSolver(
-        sparse.csc_matrix((Q + 1, Q + 1)), goal, constraints, right, cones, settings
-    ).solve()
-    return float(np.log(solved.x[0])), time.process_time() - start
 
 
 def main(quick: bool) -> dict[str, dict[str, float]]:
@@ -98,11 +69,6 @@ def main(quick: bool) -> dict[str, dict[str, float]]:
         shares, efficiency, shares_s, cpu_s = bench(name, H, criterion)
         results[name] = {"gap": shares.gap, "efficiency": efficiency, "cpu_s": cpu_s, "shares_s": shares_s}
         assert shares.gap <= MAX_GAP or (criterion.letter, criterion.over) == ("D", "worst"), (name, shares.gap)
-        if criterion.letter == "E" and len(H) == 1 and importlib.util.find_spec("clarabel") is not None:
-            value, peer_s = clarabel_eigenvalue(H, criterion.interest)
-            print(f"{'  the same by Clarabel':30}  phi {value - shares.value:+.1e}  {peer_s:5.2f} s")
-            assert abs(value - shares.value) <= 3 * MAX_GAP, (value, shares.value)
-            results[name] |= {"clarabel_s": peer_s}
     return results
 
 

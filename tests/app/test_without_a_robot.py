@@ -161,7 +161,7 @@ CHANNEL = "experiment.recorded.channels"
     [
         ("fit.starts=3", "fit: this section needs a robot"),
         ("experiment.configurations={bench: [1]}", "1 angle, and a study without a robot has no joints; write []"),
-        (f"{CHANNEL}.2.unit=''", "nothing tells whether 'table x' translates; give unit: m/s^2 or rad/s^2"),
+        (f"{CHANNEL}.2.unit=''", "it is unknown if 'table x' translates; give unit: m/s^2 or rad/s^2"),
         (f"{CHANNEL}.2.unit=deg", "units that fit here: m/s^2, rad/s^2, deg/s^2"),
         (f"{CHANNEL}.2.side=motor", "has no gears; drop side"),
         (f"{CHANNEL}.2={{role: y, at: shaker tip, column: 3, quantity: position, unit: rad}}", "another name"),

@@ -393,7 +393,7 @@ def _keeps_records(study: Path, folder: Path, *overrides: str) -> bool:
     return Run(another, folder, 1, Console(-1)).is_current("measure")
 
 
-def test_a_spectrum_found_for_one_fit_is_found_anew_for_another(tiny: Path, tmp_path: Path) -> None:
+def test_a_spectrum_found_for_one_fit_is_found_again_for_another(tiny: Path, tmp_path: Path) -> None:
     """The plan then depends on the fit, and the records on the plan."""
     assert not _keeps_records(tiny, tmp_path, "excitation.flat=information")
     assert np.abs(read_plan(tmp_path / "plan.h5").R - read_plan(tmp_path / "first.h5").R).max() > 0
@@ -416,7 +416,7 @@ def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_
             "design.parameters[0]: the fit does not identify 'k1'; did you mean",
         ),
         ("design: {count: 2, robot_time: 5}\n", "give either count (of configurations) or robot_time"),
-        ("design: {robot_time: 5}\n", "design.robot_time: 5 s leave no room for a configuration beside the 0 given"),
+        ("design: {robot_time: 5}\n", "design.robot_time: 5 s leave no room for a configuration in addition to the 0"),
         ("design: {count: 2, candidates: {grid: 3, random: 5}}\n", "give only one of random, grid and given"),
         ("design: {count: 2, candidates: {grid: [3, 4]}}\n", "design.candidates.grid: 2 numbers for 1 driven joints"),
         ("design: {count: 2, candidates: {points: {arm: [[0, 0, 0]]}}}\n", "no body is called 'arm'; there are load"),

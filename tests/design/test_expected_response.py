@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from plants.notes import said
 
-from elastid.design.expected_response import sticking
+from elastid.design.design import sticking
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.study import load

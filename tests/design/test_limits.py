@@ -133,7 +133,7 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
     base = peaks_of_movement(rig, plan.experiments[0])
     room = 0.9 * limits_of(machine, plan.configurations[0], None, plan) - base
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
-    S = np.einsum("foi,efi->eof", loop.of(("torque", "position", "velocity", "acceleration")), plan.R[0, 0])
+    S = np.einsum("foi,efi->eof", loop.stacked(("torque", "position", "velocity", "acceleration")), plan.R[0, 0])
     mean_square = (np.sum(np.abs(S) ** 2, axis=2) / 2).mean(axis=0)
     kappa_squared = 2 * math.log(2 * len(plan.lines) * 2)
     np.testing.assert_allclose(used[2:], kappa_squared * mean_square / room[:4].ravel() ** 2, rtol=1e-9)

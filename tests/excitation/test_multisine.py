@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from elastid.excitation.crest import crest_factors
 from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.excitation.multisine import amplitudes, experiments, orthogonal_set, relative_amplitudes, synthesise
+from elastid.excitation.multisine import (
+    amplitudes,
+    experiments,
+    orthogonal_set,
+    relative_amplitudes,
+    sweep_spectrum,
+    synthesise,
+)
 from elastid.excitation.spec import Phases
 
 
@@ -102,3 +109,13 @@ def test_optimised_phases_lower_the_crest_factor_of_the_compressed_signal() -> N
         crest.append(crest_factors(lines, U[0, :, 0]))
     assert crest[0] < 1.45
     assert crest[1] > 2
+
+
+def test_a_linear_sweep_has_the_low_crest_factor_of_a_sweep_and_a_binary_signal_a_flat_spectrum() -> None:
+    """Swept within the band; a pseudo-random binary signal, band-limited, has all its lines alike to a factor of 2."""
+    lines = np.arange(10, 200)
+    assert crest_factors(lines, sweep_spectrum("linear-sweep", lines)) < 1.9
+    magnitude = np.abs(sweep_spectrum("prbs", lines))
+    assert magnitude.max() / magnitude.min() < 2
+    low, high = np.abs(sweep_spectrum("log-sweep", lines))[[20, 160]]
+    assert low / high == pytest.approx(np.sqrt(lines[160] / lines[20]), rel=0.2)

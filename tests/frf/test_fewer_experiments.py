@@ -110,7 +110,7 @@ def test_the_first_experiments_of_a_set_are_planned_and_told(study: Path, tmp_pa
 def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_experiments(
     study: Path, tmp_path: Path
 ) -> None:
-    """A run takes 13 s: 39 s hold two configurations beside the one given, and `check` counts the experiments."""
+    """A run takes 13 s: 39 s hold two more configurations than the one given, and `check` counts experiments."""
     assert "1 experiment: 1 configuration (bent) x 1 realisation x 1 experiment" in overview(load(study).study)
     run = Run(load(study, ["design={robot_time: 39, candidates: {random: 20}}"]), tmp_path / "run", 1, Console(-1))
     run_stage(run, "design")

@@ -11,7 +11,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.app.summaries import truth
 from elastid.base.errors import StudyError
-from elastid.design.expected_response import sticking
+from elastid.design.design import sticking
 from elastid.experiment.plan.plan import make_plan
 from elastid.friction.dynamic import Bristle, SwitchedMaxwellSlip
 from elastid.friction.robot_friction import frictions

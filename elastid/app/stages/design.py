@@ -63,7 +63,7 @@ def design(
         design=design,
         left_out=left_out,
         measured=earlier.responses,
-        found=earlier.values,
+        fitted_values=earlier.values,
         like=earlier.noise,
         model=model,
         friction=friction,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,20 +15,15 @@ from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.record import Configuration, FrictionRecord, Purpose, WarmUpLog
 
-# Slow passes cover a turn of the motor, but take no longer than the first; others dwell for the second where the window
-# has room, and at least for the third.
-LONGEST_S, USUAL_S, SHORTEST_S = 20.0, 1.0, 0.3
-# At rest between there and back.
-PAUSE_S = 0.5
+SHORTEST_S = 0.3  # of a plateau
+PAUSE_S = 0.5  # at rest between there and back
 # Peak over mean acceleration of a ramp of velocity with continuous acceleration, 10 x^3 - 15 x^4 + 6 x^5.
 RAMP_PEAK = 15 / 8
-# Time constants in which a loop settles.
-SETTLING = 3.0
 
 
 @dataclass(frozen=True)
 class PassLimits:
-    """What a joint may do: window (2,) of its angle, velocity, acceleration; turn of the motor; bandwidth of its loop.
+    """Limits of a joint: window (2,) of its angle, velocity, acceleration; turn of the motor; bandwidth of its loop.
 
     lag: by which the reference is ahead before the joint breaks away.  Link side: rad (m), rad/s, rad/s^2, rad, Hz.
     """
@@ -49,8 +44,8 @@ class PassLimits:
 
     @property
     def loop_settling_s(self) -> float:
-        """Time in which the loop settles."""
-        return SETTLING / (2 * math.pi * self.bandwidth_hz)
+        """Time in which the loop settles: three time constants."""
+        return 3.0 / (2 * math.pi * self.bandwidth_hz)
 
     def settling_s(self, speed: float) -> float:
         """Time after a ramp to a speed before the joint slides steadily."""
@@ -97,18 +92,18 @@ def plan_passes(
     A speed that is given several times has as many passes.  Raises StudyError that names the speed for one that is too
     fast for the joint or its window.
     """
-    each = Counter(speeds)
-    planned = [planned_pass(speed, number, limits) for speed in each for number in range(each[speed] * repeat)]
+    passes = Counter(speeds)
+    planned = [planned_pass(speed, number, limits) for speed in passes for number in range(passes[speed] * repeat)]
     order = np.random.default_rng(seed).permutation(len(planned))
     middle = sorted(speeds)[len(speeds) // 2]
-    found, since, count = [_reference(middle, 0, limits)], 0.0, 1
+    ordered, since, count = [_reference(middle, 0, limits)], 0.0, 1
     for i in order:
-        found.append(planned[i])
+        ordered.append(planned[i])
         since += pass_time(planned[i], limits)
         if since > reference_every_s:
-            found.append(_reference(middle, count, limits))
+            ordered.append(_reference(middle, count, limits))
             since, count = 0.0, count + 1
-    return (*found, _reference(middle, count, limits))
+    return (*ordered, _reference(middle, count, limits))
 
 
 def ramp_time(speed: float, limits: PassLimits) -> float:
@@ -134,9 +129,8 @@ def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> 
     velocity = sign * planned.speed * np.concatenate([way, -way])
     position = planned.start + np.cumsum(velocity) / rate_hz
     acceleration = np.gradient(velocity) * rate_hz
-    settled = n_ramp + round(settling_s * rate_hz)
-    there = settled, n_ramp + n_steady
-    return PassReference(rate_hz, position, velocity, acceleration, there, (there[0] + len(way), there[1] + len(way)))
+    first, last, n = n_ramp + round(settling_s * rate_hz), n_ramp + n_steady, len(way)
+    return PassReference(rate_hz, position, velocity, acceleration, (first, last), (first + n, last + n))
 
 
 def fastest_speed(limits: PassLimits) -> float:
@@ -159,8 +153,9 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     # Both ramps of smooth shape cover half of what their time would at full speed.
     ramps, low, high = speed * ramp_time(speed, limits), *limits.window
     settling = speed * limits.settling_s(speed)
-    least_s = float(np.clip(limits.turn / speed, SHORTEST_S, LONGEST_S))
-    plateau_s = max(least_s, min(USUAL_S, (high - low - ramps - settling) / speed))
+    # Slow passes cover a turn of the motor, but take no longer than 20 s; others dwell for 1 s where there is room.
+    least_s = float(np.clip(limits.turn / speed, SHORTEST_S, 20.0))
+    plateau_s = max(least_s, min(1.0, (high - low - ramps - settling) / speed))
     travel = ramps + settling + speed * plateau_s
     if travel > (high - low) * (1 + 1e-9):
         raise StudyError(
@@ -173,8 +168,7 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
 
 
 def _reference(speed: float, number: int, limits: PassLimits) -> PlannedPass:
-    one = planned_pass(speed, number, limits)
-    return PlannedPass(f"reference-{number}", one.speed, one.start, one.stop, one.plateau_s, True)
+    return replace(planned_pass(speed, number, limits), name=f"reference-{number}", is_reference=True)
 
 
 @frozen_value
@@ -234,7 +228,7 @@ class PlannedWarmUp:
 class FrictionPlan:
     """All motions in their order, sampled at rate_hz, and the warm-ups between them.
 
-    robot_time_s: of all of them.  known, unknown: sentences on what the levels will tell, and what they cannot and why.
+    robot_time_s: of all of them.  known, unknown: sentences on what the levels will identify, and what not, and why.
     """
 
     rate_hz: float

@@ -15,9 +15,6 @@ from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-# Amplitude, relative to the first, below which filtered harmonics of a square wave are left out.
-MIN_HARMONIC = 1e-4
-
 
 @frozen_value
 class Movement:
@@ -120,9 +117,9 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
     h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
     filtered = 1 / (h * np.sqrt(1 + (h * f / carrier.cutoff_hz) ** 4))
     analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
-    kept = ~analysed & (filtered > MIN_HARMONIC * filtered[0])
-    omega = 2 * np.pi * f * h[kept]
-    c = 4 / np.pi * filtered[kept]
+    used = ~analysed & (filtered > 1e-4 * filtered[0])
+    omega = 2 * np.pi * f * h[used]
+    c = 4 / np.pi * filtered[used]
     phase = np.outer(_time(plan), omega)
     v = carrier.velocities(len(plan.inputs))
     shapes = (-np.cos(phase) @ (c / omega), np.sin(phase) @ c, np.cos(phase) @ (c * omega))

@@ -84,8 +84,8 @@ class Plan:
         f = self.freq_hz
         rms = np.sqrt(np.sum(np.abs(self.R) ** 2, axis=3) / 2).max(axis=(1, 2))
         rows = [
-            (c.name, degrees(c.angles.tolist()), str(M), ", ".join(f"{torque:.3g}" for torque in each))
-            for c, M, each in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
+            (c.name, degrees(c.angles.tolist()), str(M), ", ".join(f"{torque:.3g}" for torque in torques))
+            for c, M, torques in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
         ]
         units = " or ".join(dict.fromkeys(drive_unit(place in self.sliding) for place in self.inputs))
         return Display(
@@ -104,12 +104,12 @@ class Plan:
     def experiments(self) -> tuple[Experiment, ...]:
         """All runs, configuration by configuration."""
         E = self.R.shape[2]
-        each = zip(self.configurations, self.realisations, strict=True)
-        return tuple(Experiment(c, m, e) for c, M in each for m in range(M) for e in range(E))
+        measured = zip(self.configurations, self.realisations, strict=True)
+        return tuple(Experiment(c, m, e) for c, M in measured for m in range(M) for e in range(E))
 
     @property
     def realisations(self) -> tuple[int, ...]:
-        """How many realisations each configuration has."""
+        """Number of realisations of each configuration."""
         return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
@@ -168,17 +168,17 @@ def make_plan(
     given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
-    M, E = max(one.realisations for one in everyone), experiment.runs(n_u)
+    M, E = max(choice.realisations for choice in everyone), experiment.runs(n_u)
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
-    for q, one in enumerate(everyone):
-        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
-        spectrum = (spectra or {}).get(one.configuration.name)
+    for q, choice in enumerate(everyone):
+        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
+        spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation, experiment, robot, lines.excited, one.configuration, draws, spectrum, closed_loop
+            excitation, experiment, robot, lines.excited, choice.configuration, draws, spectrum, closed_loop
         )
         R[q, : len(draws)] = every[:, :E]
     return Plan(
-        configurations=tuple(one.configuration for one in everyone),
+        configurations=tuple(choice.configuration for choice in everyone),
         inputs=robot.motor_locations,
         rate_hz=excitation.rate_hz,
         period_samples=excitation.period_samples,

@@ -37,7 +37,7 @@ class ClosedLoopResponse:
     velocity: ComplexArray
     acceleration: ComplexArray
 
-    def of(self, signals: tuple[Signal, ...]) -> ComplexArray:
+    def stacked(self, signals: tuple[Signal, ...]) -> ComplexArray:
         """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
         return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
 
@@ -85,7 +85,7 @@ def torque_spectra(
         elif not is_found:
             nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
-        responses = closed_loop(configuration, freq_hz).of(excitation.compress)
+        responses = closed_loop(configuration, freq_hz).stacked(excitation.compress)
     amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     search = (responses, len(draws) == 1)

@@ -1,6 +1,6 @@
 """The simulated rig of a friction study: one joint of the true robot moves in closed loop, the others are held.
 
-Passes follow their reference; loops and multisines at rest are torques beside a loop so slow that friction alone holds
+Passes follow their reference; loops and multisines at rest are torques under a loop so slow that friction alone holds
 the joint. Load and temperature change the friction along a motion; the temperature of a joint follows from all that it
 did before (`heating`), so that motions can be measured in any order and in any process.
 """
@@ -26,9 +26,6 @@ from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.closed_loop import Trajectory
-
-# Angles of a pass at which the model's holding torque is averaged.
-LOAD_POINTS = 20
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class SimulatedFrictionRig:
 
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
-        run, number = self._run(motion), [one.name for one in self.motions].index(motion.name)
+        run, number = self._run(motion), [planned.name for planned in self.motions].index(motion.name)
         model = run.plant.model
         noise = draw_noise(
             self.simulated.noise, run.path.n_samples, self.plan.rate_hz, model.n_u, model.inputs, (self.seed, number)
@@ -79,7 +76,7 @@ class SimulatedFrictionRig:
 
     def _run(self, motion: PlannedMotion) -> FrictionRun:
         index = [joint.name for joint in self.robot.driven].index(motion.joint)
-        limits = next(one.limits for one in self.plan.designs if one.joint == motion.joint)
+        limits = next(design.limits for design in self.plan.designs if design.joint == motion.joint)
         path = path_of(motion, limits, float(motion.configuration.angles[index]), self.plan.rate_hz)
         plant = self._plant(motion.payload)
         start = motion.configuration.moved(index, float(path.position[0]))
@@ -88,7 +85,7 @@ class SimulatedFrictionRig:
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
-            temperature = heat.at(motion.start_s + np.arange(path.n_samples) / self.plan.rate_hz)
+            temperature = heat.temperature_at(motion.start_s + np.arange(path.n_samples) / self.plan.rate_hz)
         return FrictionRun(motion, plant, point, index, path, temperature)
 
     def _plant(self, payload: float) -> Plant:
@@ -101,7 +98,7 @@ class SimulatedFrictionRig:
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
-        """What is logged; of a periodic torque without its first period, in which it settles."""
+        """The log; of a periodic torque without its first period, in which it settles."""
         motion, path, i = run.motion, run.path, run.index
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned
@@ -144,7 +141,7 @@ class SimulatedFrictionRig:
         """Mean |holding torque| of the nominal robot over the plateaus: what is known, not what is true."""
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         sliding = run.path.sliding
-        places = np.linspace(0, len(sliding) - 1, min(LOAD_POINTS, len(sliding))).astype(int)
+        places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
         return float(np.abs(torque[:, run.index]).mean())
@@ -161,11 +158,11 @@ class SimulatedFrictionRig:
         spec = self.simulated.heat
         assert spec is not None  # refused at the beginning
         heat = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
-        tests = [one.start_s for one in self.motions if one.joint == warm_up.joint and one.is_warm_up]
+        tests = [test.start_s for test in self.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
         chosen = (heat.time_s > warm_up.start_s - 1e-6) & (heat.time_s < end_s + 1e-6)
         places = np.flatnonzero(chosen)
-        joint = [one.name for one in self.robot.driven].index(warm_up.joint)
+        joint = [driven.name for driven in self.robot.driven].index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         readings = heat.temperature[places] + spec.thermometer_std * rng.standard_normal(len(places))
         return WarmUpLog(

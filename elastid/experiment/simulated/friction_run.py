@@ -29,11 +29,6 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import feed_forward, tune
 
-# At standstill the loop is slower than the torque by this factor, so that it does not hold the joint against it.
-STANDSTILL_SHARE = 0.1
-# Moments of a motion at which load and friction are computed; they change slowly, straight lines lie in between.
-KNOTS = 100
-
 
 @frozen_value
 class Path:
@@ -92,7 +87,8 @@ class FrictionRun:
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
         if self.motion.planned is None and self.motion.period_samples is not None:
-            bandwidth_hz = min(bandwidth_hz, STANDSTILL_SHARE * rate_hz / self.motion.period_samples)
+            # Ten times slower than the torque, so that the loop does not hold the joint against it.
+            bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
         gains = tune(
             model, self.point.q, bandwidth_hz, controller.damping_ratio,
             controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
@@ -108,7 +104,8 @@ class FrictionRun:
     def _friction(self) -> FloatArray:
         """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
         contacts, n = self.plant.loop.contacts, self.path.n_samples
-        knots = np.unique(np.linspace(0, n - 1, KNOTS).astype(int))
+        # Load and friction change slowly: straight lines between a hundred moments.
+        knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
         holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[knots])
         own = (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
         rows = []
@@ -136,10 +133,6 @@ def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, posit
     return feed_forward(model, point.q, moved, still, still)
 
 
-# Rate and number of speeds over which the power of a motion is averaged, and the longest step of constant power.
-POWER_RATE_HZ, POWER_SPEEDS, LONGEST_STEP_S = 100.0, 16, 30.0
-
-
 @frozen_value
 class JointHeat:
     """Of one joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
@@ -148,14 +141,14 @@ class JointHeat:
     temperature: FloatArray
     power: FloatArray
 
-    def at(self, time_s: FloatArray) -> FloatArray:
+    def temperature_at(self, time_s: FloatArray) -> FloatArray:
         """degC at times (m,)."""
         return np.interp(time_s, self.time_s, self.temperature)
 
 
 @dataclass(frozen=True)
 class _Activity:
-    """What a joint does from start_s to end_s; speed (m,): equally likely ones of the motion, none at rest."""
+    """Motion of a joint from start_s to end_s; speed (m,): equally likely ones, none at rest."""
 
     start_s: float
     end_s: float
@@ -164,12 +157,12 @@ class _Activity:
 
 def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> JointHeat:
     """The temperature of a joint of the true robot over the whole plan."""
-    own = next(one for one in robot.driven if one.name == joint)
+    own = next(driven for driven in robot.driven if driven.name == joint)
     viscous = own.viscous + (own.motor.viscous * own.motor.ratio**2 if own.motor is not None else 0.0)
     laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
     times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
     for activity in _activities(plan, joint):
-        steps = max(1, math.ceil((activity.end_s - activity.start_s) / LONGEST_STEP_S))
+        steps = max(1, math.ceil((activity.end_s - activity.start_s) / 30.0))  # s of constant power
         for end_s in np.linspace(activity.start_s, activity.end_s, steps + 1)[1:].tolist():
             T = temperatures[-1]
             watts = [v * (viscous * v + sum(law.sliding(v, temperature=T) for law in laws)) for v in activity.speed]
@@ -182,17 +175,17 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> Joi
 
 
 def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
-    """What the joint does without gaps from the start of the plan to its end."""
-    limits = next(one.limits for one in plan.designs if one.joint == joint)
-    passes = [(one.start_s, one.planned) for one in plan.motions if one.joint == joint and one.planned is not None]
-    warm_up = next((one for one in plan.warm_ups if one.joint == joint), None)
-    found, clock = list[_Activity](), 0.0
+    """The activities of a joint, without gaps from the start of the plan to its end."""
+    limits = next(design.limits for design in plan.designs if design.joint == joint)
+    passes = [(m.start_s, m.planned) for m in plan.motions if m.joint == joint and m.planned is not None]
+    warm_up = next((warm_up for warm_up in plan.warm_ups if warm_up.joint == joint), None)
+    activities, clock = list[_Activity](), 0.0
     for start_s, planned in passes:
-        found += _between(clock, start_s, warm_up, limits)
+        activities += _between(clock, start_s, warm_up, limits)
         clock = start_s + pass_time(planned, limits)
-        found.append(_Activity(start_s, clock, _speeds(planned, limits)))
-    found += _between(clock, plan.robot_time_s, warm_up, limits)
-    return [one for one in found if one.end_s > one.start_s]
+        activities.append(_Activity(start_s, clock, _speeds(planned, limits)))
+    activities += _between(clock, plan.robot_time_s, warm_up, limits)
+    return [activity for activity in activities if activity.end_s > activity.start_s]
 
 
 def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
@@ -209,5 +202,5 @@ def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits
 
 def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
     """Quantiles of |velocity| over a pass, pauses included."""
-    velocity = np.abs(pass_reference(planned, limits, POWER_RATE_HZ).velocity)
-    return np.quantile(velocity, (np.arange(POWER_SPEEDS) + 0.5) / POWER_SPEEDS)
+    velocity = np.abs(pass_reference(planned, limits, 100.0).velocity)
+    return np.quantile(velocity, (np.arange(16) + 0.5) / 16)

@@ -157,12 +157,12 @@ def drives(
         raise StudyError(f"experiment.simulated.saturation: {refused}")
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
-    lags = [Lag(one.coefficients, T) for one in torque_elements(robot.chain) if T is not None]
+    lags = [Lag(element.coefficients, T) for element in torque_elements(robot.chain) if T is not None]
     return Drives(
         resolution,
         limit,
-        tuple(_ripple(one, one.amplitude / np.abs(ratio), ratio) for one in encoder_ripple),
-        tuple(_ripple(one, one.amplitude * np.abs(ratio), ratio) for one in torque_ripple),
+        tuple(_ripple(spec, spec.amplitude / np.abs(ratio), ratio) for spec in encoder_ripple),
+        tuple(_ripple(spec, spec.amplitude * np.abs(ratio), ratio) for spec in torque_ripple),
         lags[0] if lags else None,
     )
 
@@ -183,9 +183,9 @@ def friction_of_a_run(
     loads = loads_of(contacts, robot, point)
     try:
         if warming is None:
-            return _numbers([one.curve(load) for one, load in zip(contacts.laws, loads, strict=True)])
+            return _numbers([law.curve(load) for law, load in zip(contacts.laws, loads, strict=True)])
         n = plan.run_samples
-        index = [one.name for one in plan.experiments].index(run.name)
+        index = [planned.name for planned in plan.experiments].index(run.name)
         t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
         cold = np.exp(-t / warming.time_constant)
         factor = np.random.default_rng(np.random.SeedSequence((seed, index, 1))).lognormal(0.0, warming.spread)
@@ -195,8 +195,8 @@ def friction_of_a_run(
         moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
         knots = np.array([
             _numbers([
-                one.curve(load, None if ends is None else ends[1] + (ends[0] - ends[1]) * cold[i], level[i])
-                for one, load in zip(contacts.laws, loads, strict=True)
+                law.curve(load, None if ends is None else ends[1] + (ends[0] - ends[1]) * cold[i], level[i])
+                for law, load in zip(contacts.laws, loads, strict=True)
             ])
             for i in moments
         ])  # fmt: skip
@@ -211,7 +211,7 @@ def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
     """The load in Nm, link side, on each contact at an operating point."""
-    return [_load(robot, one.place, point) for one in contacts.laws]
+    return [_load(robot, law.place, point) for law in contacts.laws]
 
 
 def _load(robot: Robot, place: str, point: OperatingPoint) -> float:

@@ -32,7 +32,7 @@ from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, tune
 from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
 
-# Of a robot that is simulated beside its log: each is unrolled in the equations, which take seconds to build beyond.
+# Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
 MAX_SUBSTEPS = 40
 
 

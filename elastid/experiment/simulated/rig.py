@@ -134,7 +134,7 @@ class SimulatedRig:
         noise: Noise,
         notes: tuple[Note, ...],
     ) -> Record:
-        """What is logged of a run."""
+        """The log of a run."""
         plan, end, measured = self.plan, self._end, self._measured
         setup = (plant.model, point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]

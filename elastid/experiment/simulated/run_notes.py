@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,10 +19,16 @@ from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Trajectory
 from elastid.simulation.dynamics import Contacts
 
-# m between the ends of a loop that a simulation may leave without a note.
-MAX_VIOLATION_M = 1e-6
-# Share of the measured samples in which a motor may be at its torque limit.
-MAX_CLIPPED_SHARE = 0.5
+
+@dataclass(frozen=True)
+class RunLimits:
+    """Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise."""
+
+    violation_m: float = 1e-6  # between the ends of a loop
+    clipped_share: float = 0.5  # of the measured samples, beyond which a motor cannot control the robot
+
+
+LIMITS = RunLimits()
 
 
 def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
@@ -30,7 +37,7 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
     notes = []
     for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
         unit = "N" if plant.model.robot.slides(name) else "N*m"
-        if share > MAX_CLIPPED_SHARE:
+        if share > LIMITS.clipped_share:
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
                 f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
@@ -69,7 +76,7 @@ def torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[
 def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     """A note where the loops did not stay closed."""
     left = violation(model, trajectory.q)
-    if left <= MAX_VIOLATION_M:
+    if left <= LIMITS.violation_m:
         return ()
     return (
         Note(
@@ -89,29 +96,29 @@ def extrapolated(
     """
     fastest = np.abs(np.diff(q @ contacts.P, axis=0)).max(axis=0, initial=0.0) * rate_hz
     notes = []
-    for one, speed, load in zip(contacts.laws, fastest.tolist(), loads, strict=True):
-        measured = one.spec.measured
+    for law, speed, load in zip(contacts.laws, fastest.tolist(), loads, strict=True):
+        measured = law.spec.measured
         if measured is None:
             continue
-        torque, velocity = ("N", "m/s") if one.slides else ("N*m", "rad/s")
+        torque, velocity = ("N", "m/s") if law.slides else ("N*m", "rad/s")
         # A reversing motion passes every lower speed.
         slowest = max(0.0, measured.speed[0]) if measured.speed is not None else 0.0
         ranges = [
-            ("speed", slowest, max(slowest, speed * one.scale), velocity),
-            ("load", abs(load) / one.scale, abs(load) / one.scale, torque),
+            ("speed", slowest, max(slowest, speed * law.scale), velocity),
+            ("load", abs(load) / law.scale, abs(load) / law.scale, torque),
         ]
         if temperatures:
             ranges.append(("temperature", min(temperatures), max(temperatures), "degC"))
         for name, lowest, highest, unit in ranges:
             if measured.beyond(name, lowest, highest):
                 ends = getattr(measured, name)
-                found = lowest if lowest < ends[0] else highest
+                reached = lowest if lowest < ends[0] else highest
                 notes.append(
                     Note(
                         "friction-extrapolated",
                         f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run "
-                        f"goes to {found:.4g} {unit}: the law is extrapolated; stay inside, or measure there",
-                        one.place,
+                        f"goes to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there",
+                        law.place,
                     )
                 )
     return tuple(notes)

@@ -19,7 +19,6 @@ DAMPING = (0.010, 0.015, 0.020)
 SHAKEN = (0, 2)
 BAND = (0.01, 0.4)
 FORCE_RMS = 5.0
-FORCE_NOISE, ACCELERATION_NOISE = 0.05, 0.1
 
 
 @dataclass(frozen=True)
@@ -66,14 +65,14 @@ def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> tuple
 
 def _signal(lines: IntArray, spectrum: ComplexArray, period_samples: int) -> FloatArray:
     """One period (N, n) of a signal with its spectrum (F, n) at some lines."""
-    whole = np.zeros((period_samples // 2 + 1, spectrum.shape[1]), complex)
-    whole[lines] = spectrum.reshape(len(lines), -1)
-    return np.asarray(np.fft.irfft(whole, period_samples, axis=0))
+    padded = np.zeros((period_samples // 2 + 1, spectrum.shape[1]), complex)
+    padded[lines] = spectrum.reshape(len(lines), -1)
+    return np.asarray(np.fft.irfft(padded, period_samples, axis=0))
 
 
 def _noisy(force: FloatArray, acceleration: FloatArray, periods: int, random: np.random.Generator) -> ShakenMasses:
     force, acceleration = np.tile(force, (periods, 1)), np.tile(acceleration, (periods, 1))
     return ShakenMasses(
-        force + FORCE_NOISE * random.standard_normal(force.shape),
-        acceleration + ACCELERATION_NOISE * random.standard_normal(acceleration.shape),
+        force + 0.05 * random.standard_normal(force.shape),
+        acceleration + 0.1 * random.standard_normal(acceleration.shape),
     )

@@ -105,7 +105,7 @@ class ChannelSpec:
 
     @property
     def is_motion(self) -> bool:
-        """Whether it is a position, a velocity or an acceleration."""
+        """True for a position, a velocity or an acceleration."""
         return self.quantity in MOTIONS
 
     @property
@@ -137,7 +137,7 @@ class ChannelSpec:
 
     @property
     def offset(self) -> float:
-        """What is added behind the factors: that of a temperature to degC."""
+        """The offset added behind the factors: that of a temperature to degC."""
         return self._temperature[1] if self.quantity == "temperature" else 0.0
 
     @property

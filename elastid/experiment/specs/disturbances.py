@@ -1,4 +1,4 @@
-"""What disturbs the simulated rig: noise of its sensors, ripple of its motors, friction that drifts."""
+"""Disturbances of the simulated rig: noise of its sensors, ripple of its motors, friction that drifts."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class FileSpec:
         "others.", "where files of several excitations are in one study; `none` for a single transient among "
         "them.")] = None
     period_samples: Annotated[float | None, Key("Period of the excitation in this file in samples where it differs "
-        "from that of the others.", "for one file whose clock drifted, in the place of its period in s.")] = None
+        "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
     purpose: Annotated[Literal["motion", "loops"], Key("Purpose of the motion: passes and any other motion, or loops "

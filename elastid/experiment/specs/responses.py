@@ -114,5 +114,5 @@ class ResponsesSpec:
 
     @property
     def is_held(self) -> bool:
-        """Whether some input is held."""
+        """True if some input is held."""
         return any(hold == "zero-order" for hold in (self.hold, *(channel.hold for channel in self.channels)))

@@ -239,8 +239,8 @@ def carrier_refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_
             + (f"take at most {lowest - 1} cycles, or raise" if lowest > 1 else "raise")
             + " excitation.band_hz"
         )
-    for what, values in (("velocities", carrier.velocity), ("amplitudes", carrier.amplitude)):
+    for quantity, values in (("velocities", carrier.velocity), ("amplitudes", carrier.amplitude)):
         given = np.size(0.0 if values is None else values)
         if given not in (1, n_u):
-            return f"{given} {what} for {n_u} motors; give one for all or one for each"
+            return f"{given} {quantity} for {n_u} motors; give one for all or one for each"
     return ""

@@ -32,7 +32,7 @@ class Structure:
     translating: tuple[str, ...]
 
     @classmethod
-    def of(cls, channels: Sequence[ChannelSpec]) -> Structure:
+    def from_channels(cls, channels: Sequence[ChannelSpec]) -> Structure:
         """The structure that the channels of a study name."""
         inputs = dict.fromkeys(channel.at for channel in channels if channel.role == "u")
         return cls(tuple(inputs), tuple(dict.fromkeys(channel.at for channel in channels if _translates(channel))))
@@ -60,7 +60,7 @@ class Structure:
         """Every name is a place."""
 
     def slides(self, location: str) -> bool:
-        """Whether a place translates, so that it is measured in m and N."""
+        """True if a place translates, so that it is measured in m and N."""
         return location in self.translating
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
@@ -91,7 +91,7 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     known = (of_translation(turning), turning)
     if not channel.unit and known[0] != turning:
         choice = f"give unit: {known[0]} or {turning}"
-        return "unit", f"without a robot nothing tells whether '{channel.at}' translates; {choice}"
+        return "unit", f"without a robot it is unknown if '{channel.at}' translates; {choice}"
     measures = TABLE.get(channel.unit, ("", 1.0))[0]
     if known[0] != turning and measures not in known and channel.unit != "g":
         fitting = ", ".join(name for dimension in known for name in units_of(dimension))
@@ -117,5 +117,5 @@ def _robot_refusal(channel: ChannelSpec) -> tuple[str, str]:
 
 
 def _translates(channel: ChannelSpec) -> bool:
-    """Whether the unit of a channel is that of a translation."""
+    """True if the unit of a channel is that of a translation."""
     return channel.quantity == "force" or TABLE.get(channel.unit, ("", 1.0))[0] in _TRANSLATIONS

@@ -88,7 +88,7 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     np.testing.assert_allclose(T[1:], 20.0 + (T[:-1] - 20.0) * fade + history.power / 0.5 * (1 - fade), rtol=1e-12)
     tests = [motion for motion in simulated.motions if motion.is_warm_up]
     assert np.all(np.isin([round(test.start_s, 6) for test in tests], np.round(log.time_s, 6)))
-    assert np.std(log.temperature - history.at(log.time_s)) == pytest.approx(0.5, rel=0.5)
+    assert np.std(log.temperature - history.temperature_at(log.time_s)) == pytest.approx(0.5, rel=0.5)
     fastest = [motion for motion in tests if motion.planned and motion.planned.speed > 1.0]
     cold, warm = (simulated.measure(motion) for motion in (fastest[0], fastest[-1]))
     assert warm.mean_temperature > cold.mean_temperature + 5

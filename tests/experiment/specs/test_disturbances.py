@@ -1,0 +1,22 @@
+"""Noise of the simulated rig: spectra and their power."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastid.experiment.specs.disturbances import ColoredNoiseSpec, NoiseSpec
+
+
+def test_colored_noise_has_its_power_over_the_band_and_falls_behind_its_corner() -> None:
+    noise = NoiseSpec(colored=(ColoredNoiseSpec("torque", 0.5, corner_hz=0.2, slope=-20.0),))
+    freq_hz = np.linspace(0, 50, 10_001)[1:]
+    variance = noise.variances("torque", freq_hz, 100.0)
+    assert np.mean(variance) == pytest.approx(0.25)
+    assert 10 * np.log10(variance[-1] / variance[999]) == pytest.approx(-20.0, abs=0.2)
+    assert not noise.variances("angle", freq_hz, 100.0).any()
+
+
+def test_negative_levels_are_refused() -> None:
+    with pytest.raises(ValueError, match="must not be negative"):
+        NoiseSpec(angle_std=-1.0)
