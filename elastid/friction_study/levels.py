@@ -19,7 +19,7 @@ from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
-from elastid.record import FrictionRecord
+from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 # Columns (n,) of levels.
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")
@@ -70,8 +70,13 @@ class Levels:
         return len(self.speed)
 
     @property
+    def known_temperatures(self) -> FloatArray:
+        """Temperatures of the levels that have one, degC."""
+        return self.temperature[np.isfinite(self.temperature)]
+
+    @property
     def conditions(self) -> Conditions:
-        """At which the levels stand."""
+        """Conditions at which the levels hold."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
     def select(self, chosen: BoolArray) -> Levels:
@@ -80,15 +85,21 @@ class Levels:
         return replace(self, **columns)
 
 
-# A level wider than this share of itself says nothing of friction.
-MAX_RELATIVE_STD = 0.2
-# Pairs are of one condition where their speeds are as close as this share, and their temperatures as these kelvins.
-SAME_SPEED, SAME_KELVIN = 0.03, 2.0
+@dataclass(frozen=True)
+class LevelLimits:
+    """Limits of the judgement of levels; false alarms are not measured."""
+
+    max_relative_std: float = 0.2  # std over level, above which a level does not count
+    same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
+    same_kelvin: float = 2.0  # the same for temperatures
+
+
+LEVELS = LevelLimits()
 
 
 @dataclass(frozen=True)
 class PassLevels:
-    """The levels, the parts of the torque that all passes share, and what was left out.
+    """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
 
     shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.  turn: of the joint for
     a turn of its motor, whose ripple is among them; 0 for none.
@@ -104,7 +115,7 @@ class PassLevels:
 def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
     """The levels of all pairs of one place, by direction.
 
-    has_gravity: whether its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
+    has_gravity: True if its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
     ripple is regressed too; 0 for none.
     Raises DataError where a pair has one direction only, or no pair slides.
     """
@@ -120,23 +131,22 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     covariance = covariance * scale
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], conditions)
     std = np.sqrt(np.diag(covariance)[:n_k])
-    known = std < MAX_RELATIVE_STD * np.abs(g)
+    known = std < LEVELS.max_relative_std * np.abs(g)
+    unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
         Note(
             "level-unknown",
-            f"its level at {condition.speed:.3g} {_unit(used)} is {level:.3g} +- {error:.2g} {_torque_unit(used)} and "
-            "does not count: gravity, ripple or noise are too large beside it; repeat the pass, or make it longer",
+            f"its level at {condition.speed:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count: "
+            "gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
             f"pass {name}",
         )
         for name, condition, level, error, good in zip(pairs, conditions, g, std, known, strict=True)
         if not good
     ]
     if not known.any():
-        raise DataError(f"passes of {used[0].place}: no level is known to {MAX_RELATIVE_STD:.0%}; {notes[-1]}")
-    names = design.shared
+        raise DataError(f"passes of {used[0].place}: no level is known to {LEVELS.max_relative_std:.0%}; {notes[-1]}")
     shared = {
-        name: (float(values[2 * n_k + i]), float(np.sqrt(covariance[2 * n_k + i, 2 * n_k + i])))
-        for i, name in enumerate(names)
+        name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions, g, std, uneven, known)
     v, load = np.array([c.speed for c in conditions]), np.array([c.load for c in conditions])
@@ -161,25 +171,22 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
         if len(directions) < 2:
             word = "positive" if 1.0 in directions else "negative"
             raise DataError(
-                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be told from gravity "
-                "and offset without the way back; record both directions"
+                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be distinguished "
+                "from gravity and offset without the way back; record both directions"
             )
     return pairs
 
 
 def _condition(members: Sequence[Pass]) -> _Condition:
-    speeds = [float(np.abs(each.velocity).mean()) for each in members]
-    return _Condition(
-        float(np.mean(speeds)),
-        float(np.mean([each.load for each in members])),
-        float(np.mean([each.temperature for each in members])),
-    )
+    values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
+    return _Condition(*(float(np.mean(column)) for column in zip(*values, strict=True)))
 
 
 def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Condition]) -> float:
-    """By what the variance of the levels is larger than stated: 1 where pairs of one condition scatter no more."""
+    """Factor of the variance of the levels by which pairs of the same condition scatter more than stated, else 1."""
+    speed, kelvin = LEVELS.same_speed, LEVELS.same_kelvin
     keys = np.array([
-        (round(np.log(c.speed) / SAME_SPEED), round(c.load, 6), round(np.nan_to_num(c.temperature) / SAME_KELVIN))
+        (round(np.log(c.speed) / speed), round(c.load, 6), round(np.nan_to_num(c.temperature) / kelvin))
         for c in conditions
     ])  # fmt: skip
     squares, dof = 0.0, 0
@@ -246,39 +253,32 @@ def _levels(
     )
 
 
-def _unit(passes: Sequence[Pass]) -> str:
-    return "m/s" if passes[0].slides else "rad/s"
-
-
-def _torque_unit(passes: Sequence[Pass]) -> str:
-    return "N" if passes[0].slides else "N*m"
-
-
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
     """The levels of all records of passes of a joint; `shared` is that of the first load.
 
     Arguments and errors as `find_levels`.
     """
     loads = dict.fromkeys(record.load for record in records)
-    found = [
+    by_load = [
         find_levels(
             [each for record in records if record.load == load for each in passes_of(record)], has_gravity, turn
         )
         for load in loads
     ]
-    if len(found) == 1:
-        return found[0]
-    levels = [one.levels for one in found]
+    if len(by_load) == 1:
+        return by_load[0]
+    levels = [each.levels for each in by_load]
     if not all(each.direction.any() for each in levels):
         # Directions that differ under one load alone are chance, or that load's own.
         levels = [_of_both_ways(each) for each in levels]
-    rms = float(np.sqrt(np.mean([one.residual_rms**2 for one in found])))
+    rms = float(np.sqrt(np.mean([each.residual_rms**2 for each in by_load])))
     notes = tuple(
         replace(note, place=f"{note.place}, load {load}")
-        for one, load in zip(found, loads, strict=True)
-        for note in one.notes
+        for each, load in zip(by_load, loads, strict=True)
+        for note in each.notes
     )
-    return replace(found[0], levels=_joined(levels), residual_rms=rms, notes=notes)
+    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
+    return replace(by_load[0], levels=replace(levels[0], **columns), residual_rms=rms, notes=notes)
 
 
 def _of_both_ways(levels: Levels) -> Levels:
@@ -288,9 +288,3 @@ def _of_both_ways(levels: Levels) -> Levels:
     forward, backward = levels.select(levels.direction > 0), levels.select(levels.direction < 0)
     torque, std = (forward.torque + backward.torque) / 2, np.hypot(forward.std, backward.std) / 2
     return replace(forward, direction=np.zeros(forward.n_levels), torque=torque, std=std)
-
-
-def _joined(levels: Sequence[Levels]) -> Levels:
-    """All levels one after the other."""
-    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    return replace(levels[0], **columns)

@@ -75,10 +75,7 @@ def validate(
 
 
 def agreement(
-    measured: FrequencyResponse,
-    modelled: FrequencyResponse,
-    left_out: bool = False,
-    shifts: ComplexArray | None = None,
+    measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False, shifts: ComplexArray | None = None
 ) -> Agreement:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
