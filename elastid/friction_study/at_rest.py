@@ -1,8 +1,8 @@
 r"""sigma_0 and sigma_1 of bristles from responses at rest under small multisines of several amplitudes.
 
 At rest a LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, in parallel with inertia and the joint's
-spring. The slip of its bristles, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
-s_q and s_v (statistical linearisation),
+spring. The slip of its bristles, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian
+motion of rms s_q and s_v (statistical linearisation),
 
 .. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
           \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}

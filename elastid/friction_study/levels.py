@@ -136,8 +136,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     notes += [
         Note(
             "level-unknown",
-            f"its level at {condition.speed:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count: "
-            "gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
+            f"its level at {condition.speed:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
+            ": gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
             f"pass {name}",
         )
         for name, condition, level, error, good in zip(pairs, conditions, g, std, known, strict=True)

@@ -263,8 +263,8 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
     )
     if small > PASSES.max_small_share * len(counts):
         raise DataError(
-            f"{where}: {text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops, "
-            "or measure with a finer encoder"
+            f"{where}: {text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops"
+            ", or measure with a finer encoder"
         )
     return (Note("small-loops", f"{text}: they barely constrain the stiffest elements", where, "information"),)
 

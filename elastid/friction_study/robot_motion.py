@@ -4,7 +4,8 @@ r"""Friction of several axes from a motion in which they move together, jointly 
 
 Y is the regressor of the robot's geometry; masses, inertias, rotors and offsets pi are taken out without having to be
 known (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12). Torques that the rigid
-body lacks (springs, counterbalances, couplings of gears) stay in the residuals: friction is known only as well as they are small.
+body lacks (springs, counterbalances, couplings of gears) stay in the residuals: friction is known only as well as they
+are small.
 """
 
 from __future__ import annotations
