@@ -93,7 +93,9 @@ class FollowedJoint:
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
         state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.is_elastic else 1
-        curve = self._curve(state)
+        coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
+        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
+        curve = Curve(coulomb, self.stiction_ratio * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
         noise = state.get("w", 0.0)
 
@@ -113,12 +115,6 @@ class FollowedJoint:
         faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
         following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
         return ca.Function("step", [x, u, g], [following], ["x", "u", "g"], ["next"])
-
-    def _curve(self, state: dict[str, ca.SX]) -> Curve:
-        """Sliding friction at the F_c that is followed."""
-        coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
-        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
-        return Curve(coulomb, self.stiction_ratio * coulomb, inverse)
 
     def _viscous(self, state: dict[str, ca.SX], v: ca.SX) -> ca.SX:
         """f v, or f+ and f- of the two directions."""

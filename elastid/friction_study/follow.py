@@ -92,7 +92,10 @@ def follow(
     start = _at_start(joint, motions[0].samples)
     noise = guess
     if find_noise:
-        stretch = _longest(motions, rate_hz)
+        # At most a minute of the longest motion.
+        longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
+        cut = slice(0, round(60.0 * rate_hz))
+        stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)
     track = _joined(tracks)
@@ -118,13 +121,6 @@ def follow(
 def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
     """The joint at rest where a motion begins."""
     return first_estimate(joint, float(samples.angle[0]), float(samples.load[0]))
-
-
-def _longest(motions: Sequence[Motion], rate_hz: float) -> JointSamples:
-    """At most a minute of the longest motion, from its beginning, for the noise."""
-    longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
-    cut = slice(0, round(60.0 * rate_hz))
-    return JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
 
 
 def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise, start: Estimate) -> list[Track]:

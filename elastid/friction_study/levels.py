@@ -126,21 +126,22 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     values, covariance, left = design.solve()
     n_k = len(pairs)
     g, o = values[:n_k], values[n_k : 2 * n_k]
-    conditions = [_condition(members) for members in pairs.values()]
+    conditions = np.array([_condition(members) for members in pairs.values()])
+    speed, load, _ = conditions.T
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
-    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], conditions)
+    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < LEVELS.max_relative_std * np.abs(g)
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
         Note(
             "level-unknown",
-            f"its level at {condition.speed:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
+            f"its level at {v:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
             ": gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
             f"pass {name}",
         )
-        for name, condition, level, error, good in zip(pairs, conditions, g, std, known, strict=True)
+        for name, v, level, error, good in zip(pairs, speed, g, std, known, strict=True)
         if not good
     ]
     if not known.any():
@@ -148,18 +149,10 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
-    levels = _levels(used, conditions, g, std, uneven, known)
-    v, load = np.array([c.speed for c in conditions]), np.array([c.load for c in conditions])
-    notes += offset_steps(o, v, load, list(pairs), g, used[0].place, used[0].slides)
+    levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
+    notes += offset_steps(o, speed, load, list(pairs), g, used[0].place, used[0].slides)
     notes += gravity_note(shared, g, used[0].place, used[0].slides)
     return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
-
-
-@dataclass(frozen=True)
-class _Condition:
-    speed: float
-    load: float
-    temperature: float
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -177,17 +170,18 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
     return pairs
 
 
-def _condition(members: Sequence[Pass]) -> _Condition:
+def _condition(members: Sequence[Pass]) -> list[float]:
+    """Mean speed, load and temperature."""
     values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
-    return _Condition(*(float(np.mean(column)) for column in zip(*values, strict=True)))
+    return [float(np.mean(column)) for column in zip(*values, strict=True)]
 
 
-def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Condition]) -> float:
+def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> float:
     """Factor of the variance of the levels by which pairs of the same condition scatter more than stated, else 1."""
     speed, kelvin = LEVELS.same_speed, LEVELS.same_kelvin
     keys = np.array([
-        (round(np.log(c.speed) / speed), round(c.load, 6), round(np.nan_to_num(c.temperature) / kelvin))
-        for c in conditions
+        (round(np.log(v) / speed), round(load, 6), round(np.nan_to_num(temperature) / kelvin))
+        for v, load, temperature in conditions.tolist()
     ])  # fmt: skip
     squares, dof = 0.0, 0
     for key in np.unique(keys, axis=0):
@@ -201,14 +195,11 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Conditi
     return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
 
 
-def _uneven(
-    o: FloatArray, covariance: FloatArray, conditions: Sequence[_Condition]
-) -> tuple[FloatArray, tuple[float, float]]:
+def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
     """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
 
     A slope of o over speed counts where an F test finds it; without one all of o is an offset.
     """
-    v = np.array([condition.speed for condition in conditions])
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
     flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
 
@@ -229,28 +220,15 @@ def _uneven(
 
 
 def _levels(
-    passes: Sequence[Pass],
-    conditions: Sequence[_Condition],
-    g: FloatArray,
-    std: FloatArray,
-    uneven: FloatArray,
-    known: BoolArray,
+    passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
 ) -> Levels:
     """By direction where the directions differ, else their means."""
-    chosen = [c for c, good in zip(conditions, known, strict=True) if good]
-    g, std, uneven = g[known], std[known], uneven[known]
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
-    n = len(chosen)
-    return Levels(
-        passes[0].place,
-        np.tile([c.speed for c in chosen], len(signs)),
-        np.repeat(signs, n),
-        np.concatenate([g + s * uneven for s in signs]),
-        np.tile(std * np.sqrt(len(signs)), len(signs)),
-        np.tile([c.load for c in chosen], len(signs)),
-        np.tile([c.temperature for c in chosen], len(signs)),
-        passes[0].slides,
-    )
+    speed, load, temperature = np.tile(conditions.T, len(signs))
+    torque = np.concatenate([g + s * uneven for s in signs])
+    std = np.tile(std * np.sqrt(len(signs)), len(signs))
+    direction = np.repeat(signs, len(g))
+    return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:

@@ -186,7 +186,10 @@ DEGREES, BINS = 3, 24
 
 def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
     """A note where friction changes with the angle by more than pairs scatter; inertia: J of the passes."""
-    pairs = _complete_pairs(passes)
+    of_pair: dict[str, dict[float, Pass]] = {}
+    for each in passes:
+        of_pair.setdefault(each.pair, {}).setdefault(each.direction, each)
+    pairs = [(ways[1.0], ways[-1.0]) for ways in of_pair.values() if len(ways) == 2]
     widest = max((_cover(pair) for pair in pairs), default=0.0)
     wide = [pair for pair in pairs if _cover(pair) > PASSES.min_cover * widest]
     if len(wide) < PASSES.min_pairs:
@@ -208,14 +211,6 @@ def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
         "fewer of them deviate from the curve; give all passes one window, or take the law to hold there only"
     )
     return Note("friction-by-angle", text, passes[0].place)
-
-
-def _complete_pairs(passes: Sequence[Pass]) -> list[tuple[Pass, Pass]]:
-    """The first pass of each direction of every pair that has both."""
-    pairs: dict[str, dict[float, Pass]] = {}
-    for each in passes:
-        pairs.setdefault(each.pair, {}).setdefault(each.direction, each)
-    return [(pair[1.0], pair[-1.0]) for pair in pairs.values() if len(pair) == 2]
 
 
 def _range(pair: tuple[Pass, Pass]) -> tuple[float, float]:

@@ -108,7 +108,7 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     used = np.arange(len(loops.position)) >= loops.settled
     candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
     q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
-    folds = _folds(used)
+    folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
     spectrum_error = np.sqrt(np.mean([_missed(q, loops.torque, thresholds, used, fold) for fold in folds]))
     counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
     fits = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
@@ -164,11 +164,6 @@ def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: Boo
 def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray, fold: BoolArray) -> float:
     """Mean square of the residual in a part of the log, of elements fitted to the rest."""
     return float(np.mean((u - _fit(q, u, thresholds, used & ~fold).torque(q))[fold] ** 2))
-
-
-def _folds(used: BoolArray) -> list[BoolArray]:
-    """Five parts of the log that count, one after the other."""
-    return [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:

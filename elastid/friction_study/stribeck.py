@@ -93,7 +93,7 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     dof = levels.n_levels - n_numbers
     hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)
     eta = search.eta(x)
-    linear = search.project(eta).linear
+    linear, _, _ = search.project(eta)
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
@@ -115,13 +115,6 @@ def reference_temperature(levels: Levels) -> float:
     """T_0: the mean of the temperatures, in degC; 0 where none is known."""
     known = levels.known_temperatures
     return float(known.mean()) if len(known) else 0.0
-
-
-@dataclass(frozen=True)
-class _Projected:
-    linear: FloatArray
-    residual: FloatArray
-    Q: FloatArray
 
 
 @dataclass(frozen=True)
@@ -153,8 +146,8 @@ class _Search:
             chain[j, i], chain[j, j] = -cold / (high - low), hot / (high - low)
         return chain
 
-    def project(self, eta: Mapping[str, float]) -> _Projected:
-        """The best linear numbers at eta, with the residual."""
+    def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The best linear numbers at eta, the residual, and orthonormal columns Q of the linear part."""
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
@@ -164,16 +157,16 @@ class _Search:
             linear = np.asarray(solve_triangular(R, share))
         else:
             linear = np.asarray(np.linalg.lstsq(R, share, rcond=None)[0])
-        return _Projected(linear, y - Q @ share, Q)
+        return linear, y - Q @ share, Q
 
     def ends(self) -> list[tuple[FloatArray, float]]:
         """The ends of the searches from all starts, with their costs."""
         starts = list(self.starts())
         if not self.terms.searched:
-            left = self.project(self.eta(starts[0])).residual
+            _, left, _ = self.project(self.eta(starts[0]))
             return [(starts[0], float(left @ left))]
         optima = minimise(
-            lambda x: self.project(self.eta(x)).residual, starts,
+            lambda x: self.project(self.eta(x))[1], starts,
             jac=self._jacobian, bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
         )  # fmt: skip
         return [(end.x, end.cost) for end in optima]
@@ -196,11 +189,11 @@ class _Search:
 
     def _jacobian(self, x: FloatArray) -> FloatArray:
         eta = self.eta(x)
-        projected = self.project(eta)
-        linear = dict(zip(self.terms.linear, projected.linear.tolist(), strict=True))
+        values, _, Q = self.project(eta)
+        linear = dict(zip(self.terms.linear, values.tolist(), strict=True))
         moved = slopes(self.levels.conditions, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
         J = moved @ self.slopes_by_x(x)
-        return np.asarray(projected.Q @ (projected.Q.T @ J) - J)
+        return np.asarray(Q @ (Q.T @ J) - J)
 
     @property
     def _bounds(self) -> tuple[FloatArray, FloatArray]:

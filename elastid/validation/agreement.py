@@ -26,7 +26,7 @@ from elastid.validation.residual_tests import (
     inside_expected,
     normality,
     power_over_noise,
-    sigma_of_noise,
+    sigma_of,
     white_by_chance,
     whitening,
     without_shifts,
@@ -85,7 +85,7 @@ def agreement(
     _check_pair(measured, modelled)
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
-    sigma, dof = sigma_of_noise(measured, noise)
+    sigma, dof = sigma_of(measured, noise)
     judged = above_2sigma(measured, sigma)
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)

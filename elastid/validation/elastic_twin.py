@@ -68,7 +68,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
         return None
     motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])
     numbers = dict(zip(model.parameters, theta.tolist(), strict=True))
-    free = numbers | dict.fromkeys(_viscous(fitted.robot), 0.0)
+    free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
     known = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
     rigid_theta = np.array([known[name] for name in (*rigid.model.parameters, DELAY)])
     alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
@@ -111,11 +111,6 @@ def elastic_balances(
 def _torque(Y: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
     """U (F, n_u) that moves the motors by Y (F, n_u)."""
     return np.asarray(np.linalg.solve(frequency_response(model, theta, freq_hz), Y[..., None])[..., 0])
-
-
-def _viscous(robot: Robot) -> list[str]:
-    """Names of the viscous frictions of motors and joints."""
-    return [name for name, (_, path) in robot.numbers.items() if path[-1] == "viscous"]
 
 
 @dataclass(frozen=True)

@@ -193,27 +193,21 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
         position = log.position
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
     else:
-        held = _cascade(controller, len(moving))
+        n_u = len(moving)
+        kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
+        kp = kd * np.array(controller.position_gain, dtype=np.float64)
+        ki = 0.0 if controller.integral_time is None else 1 / controller.integral_time
+        held = Gains(kp, kd, np.full(n_u, ki))
         position = log.position.copy()
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
             position[:, i] = record.reference[: len(position)]
         velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
-        acting = np.tile(_at_start(log, held, position[0], velocity[0]), (len(own), 1))
+        # The torque that the controller's integral holds at the start; 0 without an integral.
+        error = kp * (position[0] - log.position[0]) + kd * (velocity[0] - log.velocity[0])
+        acting = np.tile(np.where(held.ki > 0, log.torque[0] - error, 0.0), (len(own), 1))
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
     return commands, free.gains(moving, held)
-
-
-def _cascade(controller: CascadeSpec, n_u: int) -> Gains:
-    kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
-    kp = kd * np.array(controller.position_gain, dtype=np.float64)
-    return Gains(kp, kd, np.full(n_u, 0.0 if controller.integral_time is None else 1 / controller.integral_time))
-
-
-def _at_start(log: _Log, gains: Gains, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Torque (n_u,) that the controller's integral holds at the start; 0 without an integral."""
-    error = gains.kp * (position - log.position[0]) + gains.kd * (velocity - log.velocity[0])
-    return np.where(gains.ki > 0, log.torque[0] - error, 0.0)
 
 
 def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free: Trajectory | None) -> list[TwinSignal]:

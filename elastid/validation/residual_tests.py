@@ -117,17 +117,12 @@ def together(p: Sequence[float] | FloatArray) -> float:
 NORMALITY_95 = 0.752
 
 
-def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
+def sigma_of(measured: FrequencyResponse, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
     """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
 
-    Zeros where the measurement came without an uncertainty.
+    noise: that of `smooth_noise`, if it is known.  Zeros where the measurement came without an uncertainty.
     """
-    return sigma_of_noise(measured, smooth_noise(measured))
-
-
-def sigma_of_noise(measured: FrequencyResponse, noise: SmoothedNoise | None) -> tuple[FloatArray, float]:
-    """`sigma_of` where the smooth noise is there already."""
-    if noise is None:
+    if (noise := noise or smooth_noise(measured)) is None:
         return np.zeros(measured.G.shape), 0.0
     return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
 
