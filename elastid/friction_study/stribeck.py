@@ -60,14 +60,14 @@ class CurveFit:
         """In the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
-    def torque(self, at: Conditions) -> FloatArray:
+    def torque(self, conditions: Conditions) -> FloatArray:
         """s tau_f (n,) at conditions."""
         linear = np.array([self.values[name] for name in self.terms.linear])
-        return np.asarray(columns(at, self.terms.linear, self.values, self.T_0) @ linear)
+        return np.asarray(columns(conditions, self.terms.linear, self.values, self.T_0) @ linear)
 
-    def torque_std(self, at: Conditions) -> FloatArray:
+    def torque_std(self, conditions: Conditions) -> FloatArray:
         """Its std (n,), to first order."""
-        J = derivative(at, self.terms, self.values, self.T_0)
+        J = derivative(conditions, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
 
@@ -105,10 +105,11 @@ def excess(cost: float, dof: int) -> float:
     return cost / dof if chi_square_tail(cost, dof) < FALSE_ALARM else 1.0
 
 
-def derivative(at: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
+def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
     """d s tau_f / d numbers (n, n_linear + n_searched)."""
     linear = {name: values[name] for name in terms.linear}
-    return np.hstack([columns(at, terms.linear, values, T_0), slopes(at, linear, terms.searched, values, T_0)])
+    searched = slopes(conditions, linear, terms.searched, values, T_0)
+    return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
 
 
 def reference_temperature(levels: Levels) -> float:
@@ -183,9 +184,9 @@ class _Search:
         }
         names = [name for name in self.terms.searched if name != "temperature.stribeck_velocity"]
         for values in product(*(choices[name] for name in names)):
-            at = dict(zip(names, values, strict=True))
-            at["temperature.stribeck_velocity"] = at.get("stribeck_velocity", 0.0)
-            yield np.array([at[name] for name in self.terms.searched])
+            start = dict(zip(names, values, strict=True))
+            start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
+            yield np.array([start[name] for name in self.terms.searched])
 
     def _jacobian(self, x: FloatArray) -> FloatArray:
         eta = self.eta(x)

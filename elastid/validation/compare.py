@@ -97,19 +97,21 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     StudyError where none is left: an empty list would mean every stiffness.
     """
-    there, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
+    variant_names, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
 
     def is_gone(key: str) -> bool:
         key = key.partition(SEPARATOR)[0]
-        return bool(matching(key, known)) and (key not in there if key in known else not matching(key, there))
+        return bool(matching(key, known)) and (
+            key not in variant_names if key in known else not matching(key, variant_names)
+        )
 
-    kept = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
-    if spec.parameters and not kept:
+    left = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
+    if spec.parameters and not left:
         raise StudyError(
             f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
             "stiffnesses of the gears"
         )
-    return replace(spec, parameters=kept)
+    return replace(spec, parameters=left)
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
@@ -122,12 +124,12 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     }
     patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
     left = free - still.keys()
-    kept = {
+    remaining = {
         key: each
         for key, each in patterns.items()
         if not is_group_key(key) or any(is_match(name, key.partition(SEPARATOR)[0]) for name in left)
     }
-    return replace(spec, parameters={**kept, **still})
+    return replace(spec, parameters={**remaining, **still})
 
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:

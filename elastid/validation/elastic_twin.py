@@ -93,11 +93,11 @@ def elastic_balances(
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
-    whole, frictionless, rigid = (
+    full, frictionless, rigid = (
         signals_of(_torque(Y_m, *part, freq_hz), lines, N) for part in (parts.whole, parts.frictionless, parts.rigid)
     )
     measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
-    torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: whole - frictionless, DRY: dry}
+    torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     return tuple(
         torque_balance(
