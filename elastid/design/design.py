@@ -26,7 +26,8 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.model.elastic import ElasticModel
-from elastid.model.springs import deflections, tangents as tangent_stiffness
+from elastid.model.springs import deflections
+from elastid.model.springs import tangents as tangent_stiffness
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 

@@ -1,8 +1,8 @@
 r"""sigma_0 and sigma_1 of bristles from responses at rest under small multisines of several amplitudes.
 
-At rest a LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, beside inertia and the joint's spring. What
-its bristles slip, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
-s_q and s_v (statistical linearisation),
+At rest a LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, in parallel with inertia and the joint's
+spring. The slip of its bristles, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian
+motion of rms s_q and s_v (statistical linearisation),
 
 .. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
           \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
@@ -37,15 +37,21 @@ from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.simulation.elastic_joint import ElasticJoint
 
-# What the expansion leaves of a response, as a part of it: keeps a line without noise from outweighing all others.
-EXPANSION_ERROR = 1e-3
-# Rms slip over z_s above which the expansion does not hold.
-MAX_SLIP = 0.3
-START_SLIP = 0.1
-# Slip over its std from which on it tells break-away.
-MIN_SLIP_STD = 4.0
-# Of the scaled Jacobian.
-MAX_CONDITION = 1e8
+
+@dataclass(frozen=True)
+class RestLimits:
+    """Limits of the judgement of responses at rest; false alarms are not measured."""
+
+    expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
+    max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
+    min_slip_stds: float = 4.0  # slip over its std, from which on it identifies break-away
+    max_condition: float = 1e8  # of the scaled Jacobian
+    min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
+    same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
+    min_lines: int = 8  # of the torque that stand out of noise
+
+
+REST = RestLimits()
 
 
 @frozen_value
@@ -63,7 +69,7 @@ class RestPoint:
 class AtRest:
     """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2); points: each amplitude.
 
-    break_away: F_s = sigma_0 z_s, Nm, as slip tells it; None where it does not show.  inertia: of a rigid joint.
+    break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.  inertia: of a rigid joint.
     falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
     """
 
@@ -86,7 +92,7 @@ def fit_at_rest(
     """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
 
     viscous: alpha_2 of sliding with its std, Nms/rad.  A single amplitude does not show Maxwell slip.
-    Raises FitError where the responses do not tell the unknowns apart.
+    Raises FitError where the responses do not identify all unknowns.
     """
     model = _Model(tuple(responses), joint, viscous[0])
     shared = model.fit(model.start(), place)
@@ -96,7 +102,7 @@ def fit_at_rest(
     scale = np.array([sigma_0, model.damping_unit])
     covariance = shared.covariance[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
     slip = float(shared.x[n + 1])
-    break_away = sigma_0 / per_bend if slip > MIN_SLIP_STD * std[n + 1] else None
+    break_away = sigma_0 / per_bend if slip > REST.min_slip_stds * std[n + 1] else None
     inertia = float(np.exp(shared.x[0])) if joint is None else None
     points, falls = model.points(own), _falls(model, shared, own)
     covariance = covariance + np.diag([0.0, viscous[1] ** 2])
@@ -148,14 +154,14 @@ class _Model:
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
         Z = 1 / first.G - (0 if self.joint is None else reaction(omega, self.joint))
-        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance + (EXPANSION_ERROR * np.abs(first.G)) ** 2)
+        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance + (REST.expansion_error * np.abs(first.G)) ** 2)
         A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + self.n_common]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
         sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
         smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
         common = [np.log(max(float(J), smallest)) for J in inertia]
-        return np.array([*common, np.log(sigma_0), START_SLIP, sigma_1 / self.damping_unit])
+        return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def on_its_own(self, x: FloatArray) -> FloatArray:
         """The same with bristles of each amplitude's own."""
@@ -169,29 +175,26 @@ class _Model:
                 "lines"
             )
         (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
-        if not end.condition < MAX_CONDITION:
+        if not end.condition < REST.max_condition:
             raise FitError(
-                f"{place} at rest: the responses do not tell stiffness, damping and slip of bristles apart; excite "
+                f"{place} at rest: stiffness, damping and slip of bristles cannot be distinguished; excite "
                 "lines below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away"
             )
         return end
 
     def points(self, fit: Optimum) -> tuple[RestPoint, ...]:
         """Spring and damper at each amplitude, from a fit with bristles of its own."""
-        points, std = [], np.sqrt(np.diag(fit.covariance))[self.n_common :].reshape(-1, 3)
-        for response, (sigma_0, per_bend, sigma_1), (by_sigma_0, _, by_sigma_1) in zip(
-            self.responses, self.bristles(fit.x), std, strict=True
-        ):
-            stiffness = sigma_0 * (1 - second_order(response, per_bend))
-            points.append(
-                RestPoint(response.torque, stiffness, stiffness * by_sigma_0, sigma_1, self.damping_unit * by_sigma_1)
-            )
+        points, stds = [], np.sqrt(np.diag(fit.covariance))[self.n_common :].reshape(-1, 3)
+        for response, bristles, std in zip(self.responses, self.bristles(fit.x), stds, strict=True):
+            stiffness = bristles[0] * (1 - second_order(response, bristles[1]))
+            damping_std = self.damping_unit * std[2]
+            points.append(RestPoint(response.torque, stiffness, stiffness * std[0], bristles[2], damping_std))
         return tuple(points)
 
     def _residual(self, x: FloatArray) -> FloatArray:
         left = []
         for i, response in enumerate(self.responses):
-            std = np.sqrt((response.variance + (EXPANSION_ERROR * np.abs(response.G)) ** 2) / 2)
+            std = np.sqrt((response.variance + (REST.expansion_error * np.abs(response.G)) ** 2) / 2)
             error = (response.G - self.receptance(x, i)) / std
             left += [error.real, error.imag]
         return np.concatenate(left)
@@ -226,38 +229,19 @@ def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
 
 def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
     first, last = points[0], points[-1]
-    notes = []
+    texts = {}
     if falls:
-        notes.append(
-            Note(
-                "stiffness-falls",
-                f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
-                f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
-                "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops "
-                "(presliding)",
-                f"{place} at rest",
-            )
+        texts["stiffness-falls"] = (
+            f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
+            f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
+            "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops (presliding)"
         )
-    if slip > MAX_SLIP:
-        notes.append(
-            Note(
-                "large-slip",
-                f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
-                "over amplitude does not hold: lower the torque at rest",
-                f"{place} at rest",
-            )
+    if slip > REST.max_slip:
+        texts["large-slip"] = (
+            f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
+            "over amplitude does not hold: lower the torque at rest"
         )
-    return tuple(notes)
-
-
-# The highest excited line times this is the band in which the place is taken to move; above, an encoder's noise is.
-MOTION_BAND = 1.5
-# Half of the swing of the position, in counts of its encoder, below which a response says nothing of bristles.
-MIN_COUNTS = 3.0
-# Amplitudes nearer than this ratio are one: of one peak, random phases make different ones.
-SAME_AMPLITUDE = 1.4
-# Lines of the torque that must stand out of noise.
-MIN_LINES = 8
+    return tuple(Note(code, text, f"{place} at rest") for code, text in texts.items())
 
 
 @frozen_value
@@ -283,31 +267,31 @@ class RestResponse:
         """
         first, periodic = records[0], [_periodic(record, i) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
-        if not reach > MIN_COUNTS * first.resolution:
+        if not reach > REST.min_counts * first.resolution:
             raise DataError(
                 f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
-                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {MIN_COUNTS:g}: raise the "
-                "torque at rest, use a finer encoder, or measure presliding by loops"
+                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
+                "the torque at rest, use a finer encoder, or measure presliding by loops"
             )
-        found = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
-        assert found.noise is not None
-        if found.n_lines < MIN_LINES:
+        G = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
+        assert G.noise is not None
+        if G.n_lines < REST.min_lines:
             raise DataError(
-                f"joint {first.joint} at rest ({first.name}): {found.n_lines} lines of its torque stand out of the "
-                f"noise, {MIN_LINES} are needed: raise the torque at rest, or repeat its period more often"
+                f"joint {first.joint} at rest ({first.name}): {G.n_lines} lines of its torque stand out of the "
+                f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often"
             )
-        position, velocity = _motion(periodic, MOTION_BAND * float(found.freq_hz[-1]), first.resolution)
+        # Above one and a half times the highest line, the noise of the encoder dominates.
+        position, velocity = _motion(periodic, 1.5 * float(G.freq_hz[-1]), first.resolution)
         peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
-        return cls(found.freq_hz, found.G[:, 0, 0], found.noise.variance[:, 0, 0], peak, position, velocity)
+        return cls(G.freq_hz, G.G[:, 0, 0], G.noise.variance[:, 0, 0], peak, position, velocity)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
     """One response for each amplitude of the torque, the smallest first."""
     sizes = sorted(((_size(record), record) for record in records), key=lambda each: each[0])
-    groups: list[list[FrictionRecord]] = []
-    last = 0.0
+    groups, last = list[list[FrictionRecord]](), 0.0
     for size, record in sizes:
-        if size > SAME_AMPLITUDE * last:
+        if size > REST.same_amplitude * last:
             groups.append([])
         groups[-1].append(record)
         last = size
@@ -315,7 +299,7 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
 
 
 def _periodic(record: FrictionRecord, realisation: int) -> Record:
-    """The same as a record of a frequency response."""
+    """The record in the form that estimates of a frequency response take."""
     if record.period_samples is None:
         raise DataError(
             f"joint {record.joint} at rest ({record.name}): its torque has no period; repeat a multisine, and state "
@@ -347,14 +331,14 @@ def _mean_period(record: Record, signal: FloatArray) -> FloatArray:
 
 
 def _motion(records: Sequence[Record], band_hz: float, resolution: float) -> tuple[float, float]:
-    """Rms position and velocity below band_hz, less what an encoder's counts add; without mean and drift."""
+    """Rms position and velocity below band_hz, less the power of an encoder's counts; without mean and drift."""
     powers = []
     for record in records:
         q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
         n = len(q)
         freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
         power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
-        # One period at least fits into what counts as motion.
+        # At least one period fits into the band of the motion.
         inside = (freq_hz > 0.75 * record.rate_hz / record.period_samples) & (freq_hz < band_hz)
         power = power[inside] - resolution**2 / 6 / n
         powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])

@@ -4,7 +4,7 @@ r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, r
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
 
 on one side of the gear: LuGre's bristles z, the torque g of gravity as a model has it, its slow error b, and w, noise
-of the torque that is correlated in time. Without a spring both inertias move as one. What is followed are constants
+of the torque that is correlated in time. Without a spring both inertias move as one. The followed numbers are constants
 that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
 
 One sample of the filter is a CasADi function:
@@ -15,7 +15,7 @@ One sample of the filter is a CasADi function:
    x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T
 
 with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Q has the
-noise of the torques, through the step's own Jacobian, the drift of what is followed, and the slip of the bristle:
+noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the bristle:
 (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for certain,
 while one that slides by more than z_s in a sample has it at its end.
 """
@@ -71,12 +71,12 @@ class FollowedJoint:
 
     @property
     def is_elastic(self) -> bool:
-        """True if motor and link move apart."""
+        """True if a spring is between motor and link."""
         return self.stiffness > 0
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The names of the states x, in order: angles, velocities, bristle, correlated noise, what is followed."""
+        """The names of the states x, in order: angles, velocities, bristle, correlated noise, followed numbers."""
         mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
@@ -91,15 +91,17 @@ class FollowedJoint:
         """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
-        at = dict(zip(names, ca.vertsplit(x), strict=True))
+        state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.is_elastic else 1
-        curve = self._curve(at)
+        coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
+        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
+        curve = Curve(coulomb, self.stiction_ratio * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
-        noise = at.get("w", 0.0)
+        noise = state.get("w", 0.0)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-            motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(at, v[0])
-            load = g + at.get("offset", 0.0)
+            motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(state, v[0])
+            load = g + state.get("offset", 0.0)
             if not self.is_elastic:
                 return (motor - load) / self.motor_inertia
             spring = self.stiffness * (q[0] - q[1]) + self.damping * (v[0] - v[1])
@@ -108,37 +110,28 @@ class FollowedJoint:
         def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
             return law.advanced(v[0], z, curve, step)
 
-        q, v, z = runge_kutta_step(acceleration, advanced, x[:n_q], x[n_q : 2 * n_q], at["z"], [u, u, u], 1 / rate_hz)
-        faded = [at["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in at else []
-        following = ca.vertcat(q, v, z, *faded, *(at[name] for name in self.followed))
+        angles, rates = x[:n_q], x[n_q : 2 * n_q]
+        q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u, u, u], 1 / rate_hz)
+        faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
+        following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
         return ca.Function("step", [x, u, g], [following], ["x", "u", "g"], ["next"])
 
-    def _curve(self, at: dict[str, ca.SX]) -> Curve:
-        """Sliding friction at the F_c that is followed."""
-        coulomb = ca.exp(at["Fc"]) if "Fc" in at else self.coulomb
-        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
-        return Curve(coulomb, self.stiction_ratio * coulomb, inverse)
-
-    def _viscous(self, at: dict[str, ca.SX], v: ca.SX) -> ca.SX:
+    def _viscous(self, state: dict[str, ca.SX], v: ca.SX) -> ca.SX:
         """f v, or f+ and f- of the two directions."""
-        if "f" in at:
-            return ca.exp(at["f"]) * v
-        forwards, backwards = (ca.exp(at[name]) if name in at else self.viscous for name in ("f+", "f-"))
+        if "f" in state:
+            return ca.exp(state["f"]) * v
+        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ("f+", "f-"))
         return forwards * ca.fmax(v, 0) + backwards * ca.fmin(v, 0)
-
-
-# How far the bristle's deflection may be off for each length z_s = F_c / sigma_0 that it has slipped, as a random walk:
-# a filter that takes its bristle for certain gets F_c wrong at every stop.
-SLIP_NOISE = 0.1
 
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """Standard deviations of what a filter does not know, one side of the gear, SI.
+    """Standard deviations of the noise and drift of a filter, one side of the gear, SI.
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
-    correlated: of w, in torque.  link: of a sample of the link's torque.  drift: of what is followed, in a root second;
-    of the logarithms relative.  slip: of the bristle in z_s, for each z_s of slip.
+    correlated: of w, in torque.  link: of a sample of the link's torque.  drift: of the followed numbers, in a root
+    second; of the logarithms relative.  slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random
+    walk: a filter that takes its bristle for certain gets F_c wrong at every stop.
     """
 
     angle: float
@@ -146,7 +139,7 @@ class FilterNoise:
     correlated: float = 0.0
     link: float = 0.0
     drift: Mapping[str, float] = field(default_factory=dict)
-    slip: float = SLIP_NOISE
+    slip: float = 0.1
 
     def vector(self, joint: FollowedJoint, rate_hz: float) -> FloatArray:
         """The arguments (5 + n_followed,) of a filter's step: variances of a sample."""
@@ -177,17 +170,13 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     S = spread[0, 0] + noise[0]
     gain = spread[:, 0] / S
     e = y - predicted[0]
-    kept = ca.SX.eye(n)
-    kept[:, 0] -= gain
-    joseph = _symmetric(kept @ spread @ kept.T + noise[0] * gain @ gain.T)
+    left = ca.SX.eye(n)
+    left[:, 0] -= gain
+    joseph = _symmetric(left @ spread @ left.T + noise[0] * gain @ gain.T)
     return ca.Function(
-        "filter_step",
-        [x, P, u, g, y, noise],
-        [predicted + gain * e, joseph, e, S],
-        ["x", "P", "u", "g", "y", "noise"],
-        ["x_next", "P_next", "innovation", "variance"],
-        {"cse": True},
-    )
+        "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, joseph, e, S],
+        ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
+    )  # fmt: skip
 
 
 def _process_noise(
@@ -215,7 +204,7 @@ def _symmetric(A: ca.SX) -> ca.SX:
 
 # Samples that one call of the compiled loop takes.
 PIECE = 1000
-# What is known of friction before the first sample: relative std, and of the offset as a share of F_c.
+# Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
 PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
 
 
@@ -245,9 +234,9 @@ class Estimate:
 
 @frozen_value
 class Track:
-    """A filter over n samples: states (n, n_x), their variances (n, n_x), covariance of what is followed (n, p, p).
+    """A filter over n samples: states (n, n_x), their variances (n, n_x), covariance of the followed numbers (n, p, p).
 
-    innovation, variance (n,): what the angle was off from its prediction, and the variance that the filter expected.
+    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected.
     """
 
     joint: FollowedJoint
@@ -267,15 +256,16 @@ class Track:
     def values(self, name: str) -> FloatArray:
         """A state over time (n,); of a followed logarithm the number itself."""
         column = self.x[:, self.joint.states.index(name)]
-        return column if name not in self.joint.followed or name == "offset" else np.exp(column)
+        return np.exp(column) if self._is_logarithm(name) else column
 
     def band(self, name: str) -> tuple[FloatArray, FloatArray]:
         """The 95 % interval of a state over time, each (n,)."""
         i = self.joint.states.index(name)
         low, high = (self.x[:, i] + sign * QUANTILE_95 * self.std[:, i] for sign in (-1, 1))
-        if name not in self.joint.followed or name == "offset":
-            return low, high
-        return np.exp(low), np.exp(high)
+        return (np.exp(low), np.exp(high)) if self._is_logarithm(name) else (low, high)
+
+    def _is_logarithm(self, name: str) -> bool:
+        return name in self.joint.followed and name != "offset"
 
 
 def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Estimate:
@@ -301,15 +291,15 @@ class KalmanFilter:
         self._loop = self._step.mapaccum("filter", PIECE, 2)
 
     def run(self, samples: JointSamples, noise: FilterNoise, start: Estimate) -> Track:
-        """The track over samples, from what was known before them."""
+        """The track over samples, from the estimate before them."""
         n, n_x = len(samples.angle), len(self.joint.states)
         given = noise.vector(self.joint, self.rate_hz)
         x, P = np.empty((n, n_x)), np.empty((n, n_x, n_x))
         e, S = np.empty(n), np.empty(n)
         estimate = start
-        for piece in _pieces(n):
-            out = self._piece(samples, piece, given, estimate)
-            x[piece], P[piece], e[piece], S[piece] = out
+        for first in range(0, n, PIECE):
+            piece = slice(first, min(first + PIECE, n))
+            x[piece], P[piece], e[piece], S[piece] = self._piece(samples, piece, given, estimate)
             estimate = Estimate(x[piece.stop - 1].copy(), P[piece.stop - 1].copy())
         first = n_x - len(self.joint.followed)
         variances = np.diagonal(P, axis1=1, axis2=2)
@@ -333,8 +323,3 @@ class KalmanFilter:
         x, P, e, S = function(start.x, start.P, *rows, ca.repmat(ca.DM(noise), 1, count))
         covariance = P.full().reshape(n_x, count, n_x).transpose(1, 0, 2)
         return x.full().T, covariance, e.full().ravel(), S.full().ravel()
-
-
-def _pieces(n: int) -> list[slice]:
-    """Slices of at most PIECE samples."""
-    return [slice(i, min(i + PIECE, n)) for i in range(0, n, PIECE)]

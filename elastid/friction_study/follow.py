@@ -1,7 +1,7 @@
 r"""A joint's friction followed over its motions, one after the other, and the judgement of the filter.
 
-Between two motions the joint stands somewhere: angle, velocity and bristle start again, while what is followed goes on,
-its covariance grown by the drift of the time between.
+Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
+continue, their covariance grown by the drift of the time between.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from elastid.friction_study.extended_kalman_filter import (
 )
 from elastid.friction_study.innovations import (
     FILTER,
-    NIS_BAND,
     Consistency,
     Direction,
     consistency,
@@ -34,14 +33,10 @@ from elastid.friction_study.innovations import (
     weakest_direction,
 )
 
-# Points of a followed number that a result keeps.
-SHOWN = 2000
-# s of the longest motion from which noise is found.
-NOISE_STRETCH_S = 60.0
 # Lags of the autocorrelation.
 LAGS = 50
 REVERSALS = (
-    "reversals tell Coulomb friction from an offset, several speeds tell it from viscous friction; move both ways, at "
+    "reversals distinguish Coulomb friction from an offset, several speeds from viscous friction; move both ways, at "
     "several speeds"
 )
 
@@ -56,9 +51,9 @@ class Motion:
 
 @frozen_value
 class FollowedFriction:
-    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of what is followed, 95 % bands.
+    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
 
-    unknown (m, p): where the motion has told nothing of a number, so that it is held.  nis (m,): mean up to each time
+    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
     since the one before.  torque_std: of white noise, found or given.
     """
 
@@ -97,23 +92,29 @@ def follow(
     start = _at_start(joint, motions[0].samples)
     noise = guess
     if find_noise:
-        stretch = _longest(motions, rate_hz)
+        # At most a minute of the longest motion.
+        longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
+        cut = slice(0, round(60.0 * rate_hz))
+        stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)
-    whole = _joined(tracks)
-    if len(whole.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
+    track = _joined(tracks)
+    if len(track.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
         raise DataError(
-            f"joint {name}: its motions last {len(whole.innovation) / rate_hz:.3g} s and the filter settles in "
+            f"joint {name}: its motions last {len(track.innovation) / rate_hz:.3g} s and the filter settles in "
             f"{settle_s:g} s; record longer, or give filter.settle"
         )
-    judged = consistency(whole, settle_s, LAGS)
+    judged = consistency(track, settle_s, LAGS)
     prior = np.sqrt(np.diag(start.P))[-len(joint.followed) :]
-    weakest = weakest_direction(whole, prior)
-    values, low, high, mean_nis, at = _shown(whole, [len(track.innovation) for track in tracks])
-    times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[at]
+    weakest = weakest_direction(track, prior)
+    values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
+    times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
+    place = f"joint {name}"
+    # Warnings to be read before the bands of a filter are believed.
+    notes = (*_excitation(place, track, weakest, prior), *_divergence(place, track, prior), *_noise(place, judged))
     return FollowedFriction(
-        name, slides, joint.followed, times, values, low, high, unknown(whole, prior)[at], mean_nis, judged, weakest,
-        noise, joint, rate_hz, _notes(name, whole, judged, weakest, prior),
+        name, slides, joint.followed, times, values, low, high, unknown(track, prior)[instants], mean_nis, judged,
+        weakest, noise, joint, rate_hz, notes,
     )  # fmt: skip
 
 
@@ -122,15 +123,8 @@ def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
     return first_estimate(joint, float(samples.angle[0]), float(samples.load[0]))
 
 
-def _longest(motions: Sequence[Motion], rate_hz: float) -> JointSamples:
-    """At most NOISE_STRETCH_S of the longest motion, from its beginning."""
-    longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
-    cut = slice(0, round(NOISE_STRETCH_S * rate_hz))
-    return JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
-
-
 def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise, start: Estimate) -> list[Track]:
-    """One of each motion, what is followed carried on."""
+    """One of each motion, the followed numbers carried on."""
     tracks: list[Track] = []
     estimate, ended_s = start, motions[0].start_s
     for motion in motions:
@@ -166,7 +160,7 @@ def _joined(tracks: Sequence[Track]) -> Track:
 def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
     """Values, low, high (m, p) at the ends of blocks, mean NIS of each block (m,), and those ends."""
     n = len(track.innovation)
-    step = max(1, n // SHOWN)
+    step = max(1, n // 2000)  # a result keeps so many points
     ends = np.cumsum(lengths)
     last = np.unique(np.concatenate([np.arange(step - 1, n, step), ends - 1]))
     sums = np.concatenate([[0.0], np.cumsum(track.nis)])
@@ -177,19 +171,13 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
     return values, low, high, nis, last
 
 
-def _notes(name: str, track: Track, judged: Consistency, weakest: Direction, prior: FloatArray) -> tuple[Note, ...]:
-    """Warnings to be read before the bands of a filter are believed."""
-    place = f"joint {name}"
-    return (*_excitation(place, track, weakest, prior), *_divergence(place, track, prior), *_noise(place, judged))
-
-
 def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray) -> Iterator[Note]:
-    """Numbers that the motion does not tell, alone or from each other."""
+    """Numbers that the motion does not identify, and those that cannot be distinguished."""
     never = np.all(unknown(track, prior), axis=0).tolist()
-    held = [of for of, is_unknown in zip(track.joint.followed, never, strict=True) if is_unknown]
+    held = [number for number, is_unknown in zip(track.joint.followed, never, strict=True) if is_unknown]
     pair, correlation = most_correlated(track)
     if held:
-        text = f"the motion tells nothing of {', '.join(held)}, held where it began: move both ways, at several speeds"
+        text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("not-excited", text, place)
     elif weakest.ratio > FILTER.weak_std_ratio:
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
@@ -204,11 +192,10 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
     names = track.joint.followed
     p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
     for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > FILTER.diverged_stds * prior):
-        of = names[i]
         text = (
-            f"{of} went to {track.values(of)[-1]:.4g}, {FILTER.diverged_stds:g} standard deviations from what the "
-            "joint was known by: the filter has lost the log; correct inertia, spring and friction of the joint, or "
-            "give filter.torque_std"
+            f"{names[i]} went to {track.values(names[i])[-1]:.4g}, {FILTER.diverged_stds:g} standard deviations from "
+            "its prior: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
+            "filter.torque_std"
         )
         yield Note("diverged", text, place, severity="warning")
 
@@ -223,7 +210,7 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
         )
         yield Note("coloured-innovations", text, place, severity="warning")
     means = {"over all": judged.nis, "around stops": judged.nis_at_stops}
-    low, high = NIS_BAND
+    low, high = FILTER.nis_band
     outside = {words: mean for words, mean in means.items() if not np.isnan(mean) and not low <= mean <= high}
     for words, mean in list(outside.items())[:1]:
         than, bands = ("larger", "narrow") if mean > 1 else ("smaller", "wide")

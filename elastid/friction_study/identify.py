@@ -1,8 +1,8 @@
 """Levels and records of a friction study -> the friction of each joint: law, presliding, warm-up, table of numbers.
 
 The law of a joint as a whole, as a robot's file has it, has sliding from passes or a motion, and before it Maxwell slip
-from loops, bristles from responses at rest, or LuGre friction by multiple shooting. A part that fails leaves a note in
-its place: the rest of the friction does not depend on it.
+from loops, bristles from responses at rest, or LuGre friction by multiple shooting. A part that fails leaves a
+note instead: the rest of the friction does not depend on it.
 """
 
 from __future__ import annotations
@@ -42,9 +42,6 @@ from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
-# Numbers of a joint that the sentence on it has.
-SAID = 4
-
 
 def identify_friction(
     robot: Robot,
@@ -55,7 +52,7 @@ def identify_friction(
 ) -> FrictionResult:
     """The friction of all joints; truth: the robot that was simulated.
 
-    Raises FitError where a part of the law that is asked for (`yes`) cannot be told.
+    Raises FitError where a part of the law that is asked for (`yes`) cannot be identified.
     """
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
@@ -65,65 +62,62 @@ def identify_friction(
 
 
 def _joint(
-    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
+    robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
     """All parts of one joint."""
-    name, passes = found.joint, found.levels
+    name, passes = levels.joint, levels.levels
     static = StaticLaw.of(_of_loads(passes.levels, measured.of(name, "passes")), spec.law) if passes else None
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, passes, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
-    friction, viscous, refused = _law(found, static, before, spec)
+    friction, viscous, refused = _law(levels, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {each.name: each for each in _numbers(found, static, before, true)}
+    numbers = {each.name: each for each in _numbers(levels, static, before, true)}
     if warm_up is not None and thermal is not None:
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
-    held = static.held if static is not None else found.motion.held if found.motion is not None else ()
+    held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, found.slides, passes, found.motion, static, before.presliding, before.loops, before.at_rest,
-        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, found.example,
-        (*found.notes, *before.notes, *notes, *refused),
+        name, levels.slides, passes, levels.motion, static, before.presliding, before.loops, before.at_rest,
+        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, levels.example,
+        (*levels.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
 
 
 def _of_loads(levels: Levels, records: Sequence[FrictionRecord]) -> Levels:
-    """The levels, of one load under their mean load: what its paths differ in goes with the speed and tells no load."""
+    """The levels, those of a single load under their mean load, which changes along the paths with the speed."""
     if len({record.load for record in records}) > 1:
         return levels
     return replace(levels, load=np.full_like(levels.load, levels.load.mean()))
 
 
 def _law(
-    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, spec: FrictionSpec
+    levels: JointLevels, static: StaticLaw | None, before: BeforeSliding, spec: FrictionSpec
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
-    """The law and the viscous friction beside it; a note where the numbers are those of no contact."""
+    """The law and its viscous friction; a note where the numbers are physically impossible."""
     try:
-        law = joint_law(static, found.motion, before, spec.law)
+        law = joint_law(static, levels.motion, before, spec.law)
         if law is not None:
-            law[0].check_passive(law[1], found.slides)
+            law[0].check_passive(law[1], levels.slides)
     except ValueError as error:
-        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels tell them better"
-        return None, None, (Note("no-law", text, f"joint {found.joint}"),)
+        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
+        return None, None, (Note("no-law", text, f"joint {levels.joint}"),)
     return (*(law or (None, None)), ())
 
 
 def _numbers(
-    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, truth: Truth
+    levels: JointLevels, static: StaticLaw | None, before: BeforeSliding, truth: Truth
 ) -> Iterator[FrictionNumber]:
-    """The table; of a number that two experiments tell the later one counts, passes more than a motion."""
+    """The table; of a number that two experiments identify the later one counts, passes more than a motion."""
     if static is not None:
-        yield from numbers_of_law(found.joint, static, truth)
-    if found.motion is not None:
-        yield from _beside(numbers_of_motion(found.joint, found.motion, truth), static)
+        yield from numbers_of_law(levels.joint, static, truth)
+    if levels.motion is not None:
+        for number in numbers_of_motion(levels.joint, levels.motion, truth):
+            if static is None or number.symbol in ("J", "o", "G", "H"):
+                yield number
     if before.at_rest is not None:
-        yield from numbers_at_rest(found.joint, before.at_rest, found.slides, truth)
+        yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
     if before.bristles is not None:
-        yield from numbers_of_bristles(found.joint, before.bristles, found.slides, truth)
-
-
-def _beside(numbers: Iterator[FrictionNumber], static: StaticLaw | None) -> Iterator[FrictionNumber]:
-    """Numbers of a motion that are no friction, and all where no passes tell friction."""
-    return (each for each in numbers if static is None or each.symbol in ("J", "o", "G", "H"))
+        yield from numbers_of_bristles(levels.joint, before.bristles, levels.slides, truth)
 
 
 def _heat(
@@ -141,18 +135,14 @@ def _heat(
 
 
 def _sentence(joint: JointFriction) -> str:
-    parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:SAID]]
+    parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4]]
     return f"joint {joint.joint}: {', '.join(parts) or 'nothing was found'}"
-
-
-# Of the largest damping velocity with which a LuGre law is passive.
-PASSIVE_SHARE = 0.9
 
 
 def joint_law(
     static: StaticLaw | None, motion: MotionFriction | None, before: BeforeSliding, spec: LawSpec
 ) -> tuple[Friction, float] | None:
-    """Friction and the viscous friction beside it, link side; None where neither passes nor a motion tell it."""
+    """Friction and its viscous friction, link side; None where neither passes nor a motion identify it."""
     if static is not None:
         friction, viscous = static.to_friction(), static.viscous
     elif motion is not None and motion.chosen["coulomb"] > 0:
@@ -183,12 +173,9 @@ def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre 
         stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
     else:
         return None
-    falling = PASSIVE_SHARE * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
+    # Nine tenths of the largest damping velocity with which a LuGre law is passive.
+    falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
     return LuGre(stiffness, damping, falling)
-
-
-# Damping of bristles over sqrt(stiffness times inertia), from which a search begins.
-START_DAMPING = 0.3
 
 
 @dataclass(frozen=True)
@@ -210,7 +197,7 @@ def find_before_sliding(
     static: StaticLaw | None,
     spec: FrictionSpec,
 ) -> BeforeSliding:
-    """All that the records of one joint tell; levels, static: what its passes told."""
+    """Bristles and elements from the records of one joint; levels, static: results of its passes."""
     notes, law = list[Note](), spec.law
     at_rest = _at_rest(robot, rest, static, notes) if rest else None
     if not loops or law.presliding == "no":
@@ -223,11 +210,11 @@ def find_before_sliding(
         return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
     except DataError as error:
         notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
-        return BeforeSliding(None, None, at_rest, None, tuple(notes))
+        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
-    """The log; its first half loop only tells the elements where they start."""
+    """The log; its first half loop only gives the elements their start."""
     if spec.presliding is not None:
         frequency_hz = spec.presliding.frequency_hz
     else:
@@ -270,7 +257,7 @@ def _bristles(
     rest: AtRest | None,
     notes: list[Note],
 ) -> LuGreFit | None:
-    """LuGre by multiple shooting through the joint's spring, what passes and responses at rest told beforehand."""
+    """LuGre by multiple shooting through the joint's spring, with passes and responses at rest as prior knowledge."""
     spring = _held(robot, record)
     if spring is None or static is None or levels is None or record.resolution <= 0:
         text = (
@@ -281,12 +268,13 @@ def _bristles(
         return None
     prior = Prior.of_law(static) if rest is None else Prior.of_law(static).with_other(Prior.of_rest(rest))
     torque = record.torque - _held_torque(levels, record.position)
+    white_std = float(np.std(np.diff(torque, 2)) / np.sqrt(6))  # of white noise on a slow signal
     log = JointLog(
         f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
-        max(levels.residual_rms, _white_std(torque), 1e-12), record.resolution / np.sqrt(12),
+        max(levels.residual_rms, white_std, 1e-12), record.resolution / np.sqrt(12),
     )  # fmt: skip
     stiffness = float(np.ptp(torque) / np.ptp(record.position))
-    damping = START_DAMPING * np.sqrt(stiffness * spring.motor_inertia)
+    damping = 0.3 * np.sqrt(stiffness * spring.motor_inertia)
     start = {"sigma_0": stiffness, "sigma_1": damping, "coulomb": static.values["coulomb"], "viscous": static.viscous}
     start |= {"stiction": static.values.get("stiction", static.values["coulomb"])}
     start |= {"stribeck_velocity": static.values.get("stribeck_velocity", float(static.levels.speed.max()))}
@@ -295,11 +283,6 @@ def _bristles(
     except (FitError, DataError) as error:
         notes.append(Note("no-bristles", str(error), f"record {record.name}"))
         return None
-
-
-def _white_std(signal: FloatArray) -> float:
-    """Of white noise on a slow signal, by its second differences."""
-    return float(np.std(np.diff(signal, 2)) / np.sqrt(6))
 
 
 def _held_torque(levels: PassLevels, position: FloatArray) -> FloatArray:

@@ -26,14 +26,12 @@ from scipy.stats import chi2
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.friction_study.extended_kalman_filter import Estimate, FilterNoise, JointSamples, KalmanFilter, Track
 
-# Mean NIS of an honest filter on a joint with friction; the chi-squared band of white innovations is narrower.
-NIS_BAND = (0.9, 1.1)
-
 
 @dataclass(frozen=True)
 class FilterThresholds:
-    """Thresholds of the judgement of a filter, beside NIS_BAND."""
+    """Thresholds of the judgement of a filter."""
 
+    nis_band: tuple[float, float] = (0.9, 1.1)  # mean NIS of an honest filter, wider than the chi-squared band
     around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
     standing_share: float = 0.02  # of the largest velocity: a joint stands below
     max_correlation: float = 0.3  # of innovations from sample to sample; those of white noise have less
@@ -69,12 +67,13 @@ class Consistency:
     def is_honest(self) -> bool:
         """True if innovations are as large as expected, at stops too, and white."""
         means = [self.nis] if np.isnan(self.nis_at_stops) else [self.nis, self.nis_at_stops]
-        return self.is_white and all(NIS_BAND[0] <= mean <= NIS_BAND[1] for mean in means)
+        low, high = FILTER.nis_band
+        return self.is_white and all(low <= mean <= high for mean in means)
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of what is followed: weights by name, and its std over what it was before the log."""
+    """A combination of followed numbers: weights by name, and its std over that before the log."""
 
     weights: dict[str, float]
     ratio: float
@@ -110,7 +109,7 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
 
 
 def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
-    """The combination of what is followed that the log has told least about; prior_std (p,): of each before the log."""
+    """The combination of followed numbers that the log constrains least; prior_std (p,): of each before the log."""
     names = track.joint.followed
     scaled = track.followed_covariance[-1] / np.outer(prior_std, prior_std)
     values, vectors = np.linalg.eigh(scaled)
@@ -119,7 +118,7 @@ def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
 
 
 def most_correlated(track: Track) -> tuple[tuple[str, str], float]:
-    """The two followed numbers that the end of a track tells apart least, and their correlation; 0 for one number."""
+    """The two followed numbers with the largest correlation at the end of a track, and that; 0 for a single number."""
     names, P = track.joint.followed, track.followed_covariance[-1]
     std = np.sqrt(np.diag(P))
     correlation = np.triu(P / np.outer(std, std), 1)
@@ -128,7 +127,7 @@ def most_correlated(track: Track) -> tuple[tuple[str, str], float]:
 
 
 def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
-    """Where each followed number is no better known than before (n, p): hold it there, and say so.
+    """True where a followed number is no better known than before (n, p): it is held and reported.
 
     prior_std (n, p) or (p,): what its std would be without the log, the drift included.
     """
@@ -146,12 +145,6 @@ def _around_stops(track: Track) -> BoolArray:
     return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)
 
 
-# Factors by which a noise may be off its first guess.
-LARGEST_FACTOR = 1e3
-# Of the logarithm of a factor: noise that is known to 2 % is known well enough.
-PRECISION = 0.02
-
-
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
@@ -161,26 +154,21 @@ def estimate_noise(
     """
     names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     first = round(settled_s * kalman.rate_hz)
-    limit = np.log(LARGEST_FACTOR)
+    limit = np.log(1e3)
 
-    def at(x: FloatArray) -> FilterNoise:
+    def noise_at(x: FloatArray) -> FilterNoise:
         factors = np.exp(np.clip(x, -limit, limit))
         factors[0] = max(factors[0], 1.0)
         return guess.scaled(**dict(zip(names, factors.tolist(), strict=True)))
 
     def cost(x: FloatArray) -> float:
-        track = kalman.run(samples, at(x), start)
+        track = kalman.run(samples, noise_at(x), start)
         S, e = track.variance[first:], track.innovation[first:]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
-    found = minimize(
-        cost, np.zeros(len(names)), method="Nelder-Mead",
-        options={"xatol": PRECISION, "fatol": 1e-5, "maxfev": 150, "initial_simplex": _simplex(len(names))},
-    )  # fmt: skip
-    return at(np.asarray(found.x))
-
-
-def _simplex(n: int) -> FloatArray:
-    """A first simplex of factors of three about the guess."""
-    return np.vstack([np.zeros(n), 1.1 * np.eye(n)])
+    # Factors of three about the guess; noise that is known to 2 % is known well enough.
+    n = len(names)
+    simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
+    options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
+    return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))

@@ -2,8 +2,8 @@ r"""Records of a friction study -> levels of passes and regressions of motions, 
 
 Logs of motions -> for each joint the regression of its motions, and the passes that they hold.
 
-A joint that moved alone is regressed with its inertia and gravity, joints that moved together beside the rigid body
-that they carry; the passes of the latter are free of it.
+A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
+body that they carry; the passes of the latter are free of it.
 
 Of a joint alone the robot's file has gravity and inertia, to which logs are compared:
 
@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -29,7 +30,7 @@ from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
 from elastid.friction_study.passes import passes_of
-from elastid.friction_study.plateaus import SAME_SPEED, detect_passes, lone_plateaus
+from elastid.friction_study.plateaus import PLATEAUS, detect_passes, lone_plateaus
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -47,15 +48,15 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion | None) -> JointLevels:
-    # Test passes of a warm-up tell what temperature does; without a thermometer they are at unlike conditions.
+    # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     records = [*planned, *(motion.passes if motion is not None else ())]
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
     notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
+    friction = None
     if motion is not None:
-        notes += motion.notes
-    friction = motion.friction if motion is not None else None
+        notes, friction = [*notes, *motion.notes], motion.friction
     if not records and friction is None:
         raise DataError(
             f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
@@ -65,11 +66,12 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     has_gravity = against or (motion is not None and motion.has_gravity)
-    found = levels_of_records(records, has_gravity, motor_turn(joint))
+    levels = levels_of_records(records, has_gravity, motor_turn(joint))
     passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
-    by_angle = angle_note(passes, found.shared.get("inertia", (0.0, 0.0))[0])
-    notes += [*found.notes, *([] if by_angle is None else [by_angle])]
-    return JointLevels(joint.name, joint.slides, found, friction, _example(records), tuple(notes))
+    by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
+    notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
+    example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
+    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
 
 
 def motor_turn(joint: Joint) -> float:
@@ -77,17 +79,11 @@ def motor_turn(joint: Joint) -> float:
     return 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0
 
 
-def _example(records: Sequence[FrictionRecord]) -> FrictionRecord:
-    """The pass of the middle speed."""
-    ordered = sorted(records, key=lambda record: record.speed or 0.0)
-    return ordered[len(ordered) // 2]
-
-
 @dataclass(frozen=True)
 class JointMotion:
-    """Of one joint: the regression (None where its logs cannot tell it), the passes in its logs, and notes.
+    """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes.
 
-    has_gravity: whether gravity that changes with the angle is in the passes.
+    has_gravity: True if gravity that changes with the angle is in the passes.
     """
 
     friction: MotionFriction | None
@@ -106,12 +102,12 @@ def evaluate_motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRe
     for record in measured.records:
         if record.purpose == "motion":
             logs.setdefault(record.name, {})[record.joint] = record
-    found = _together(robot, [log for log in logs.values() if len(log) > 1])
+    evaluated = _together(robot, [log for log in logs.values() if len(log) > 1])
     for joint in joints:
         alone = [log[joint.name] for log in logs.values() if len(log) == 1 and joint.name in log]
         if alone:
-            found[joint.name] = _alone(robot, joint, alone)
-    return found
+            evaluated[joint.name] = _alone(robot, joint, alone)
+    return evaluated
 
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
@@ -145,12 +141,12 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
     groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
     for log in logs:
         groups.setdefault(tuple(log), []).append(log)
-    found: dict[str, JointMotion] = {}
+    evaluated: dict[str, JointMotion] = {}
     for joints, members in groups.items():
         robot_logs = [_robot_log(robot, log) for log in members]
-        for log, one in zip(members, robot_logs, strict=True):
+        for log, robot_log in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
-            check_torques(robot, measured, torques_in_file(robot, one), next(iter(log.values())).place)
+            check_torques(robot, measured, torques_in_file(robot, robot_log), next(iter(log.values())).place)
         result = regress_robot_motion(robot, robot_logs)
         for joint in joints:
             records = [
@@ -159,15 +155,15 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
             ]
             passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
             friction = result.friction[joint]
-            found[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
-    return found
+            evaluated[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
+    return evaluated
 
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    """The passes where they tell more than the regression: of a stated speed, or of enough conditions for a curve."""
+    """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
     conditions = {
         (
-            round(np.log(each.speed or 1.0) / SAME_SPEED),
+            round(np.log(each.speed or 1.0) / PLATEAUS.same_speed),
             each.load,
             round(float(np.nan_to_num(each.mean_temperature)) / TEMPERATURE_STEP_K),
         )
@@ -190,18 +186,17 @@ def _motion(record: FrictionRecord, against_gravity: bool) -> Motion:
     return Motion(place, record.rate_hz, record.position, record.torque, record.slides, against_gravity)
 
 
-# Gears below have sides that differ by no more than masses may be wrong.
-SMALLEST_RATIO = 10.0
-# Stds by which an inertia differs from the robot's before it counts.
-CERTAIN_STDS = 3.0
-# By so much an inertia may miss a power of the ratio.
-CLOSE_FACTOR = 4.0
-# Of a torque with that of the robot's file: below, friction or errors of the file make most of it.
-MIN_CORRELATION = 0.5
-# Of the largest torque of gravity at a joint, below which a change with its angle is rounding.
-ROUNDING = 1e-9
-# Angles at which gravity is compared: no two of them alike, whatever its phase.
-GRAVITY_ANGLES = (0.0, 1.1, 2.3)
+@dataclass(frozen=True)
+class SideLimits:
+    """Limits of the judgement on which side of a gear a log was taken; false alarms are not measured."""
+
+    min_ratio: float = 10.0  # of the gear: below, masses may be wrong by as much as its sides differ
+    min_stds: float = 3.0  # by which an inertia differs from that of the robot's file
+    close_factor: float = 4.0  # between an inertia and a power of the ratio
+    min_correlation: float = 0.5  # with the torque of the robot's file: below, friction or errors dominate
+
+
+SIDES = SideLimits()
 
 
 def check_sides(
@@ -211,14 +206,14 @@ def check_sides(
 
     It counts where it is known, and close to a power of the ratio times the robot's.
     """
-    if joint.motor is None or abs(joint.motor.ratio) < SMALLEST_RATIO:
+    if joint.motor is None or abs(joint.motor.ratio) < SIDES.min_ratio:
         return
     ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
     wrong = inertia / known if known > 0 else 1.0
-    if abs(inertia - known) < CERTAIN_STDS * std or wrong <= 0:
+    if abs(inertia - known) < SIDES.min_stds * std or wrong <= 0:
         return
     power = round(math.log(wrong) / math.log(ratio))
-    if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(CLOSE_FACTOR):
+    if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(SIDES.close_factor):
         return
     unit = "kg" if joint.slides else "kg*m^2"
     many = "torque and angle are" if abs(power) > 1 else "either torque or angle is"
@@ -245,7 +240,7 @@ def check_torques(
         known, ratio = expected[joint], abs(robot.ratio(joint))
         size = float(np.linalg.norm(known))
         follows = float(torque @ known) / max(size * float(np.linalg.norm(torque)), 1e-300)
-        if ratio >= SMALLEST_RATIO and follows > MIN_CORRELATION:
+        if ratio >= SIDES.min_ratio and follows > SIDES.min_correlation:
             powers.append(math.log(float(torque @ known) / size**2) / math.log(ratio))
     power = float(np.median(powers)) if powers else 0.0
     if round(power) == 0:
@@ -258,33 +253,37 @@ def check_torques(
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
-    """True if the torque of gravity at a joint changes with its angle, the others held; of a robot with loops yes."""
+    """True if the torque of gravity at a joint changes with its angle, the others held; true of a robot with loops."""
     if joint.slides:
         return False
     if robot.loops:
         return True
-    names = [each.name for each in robot.joints]
-    theta = np.array([value for value, _ in robot.parameters().values()])
-    tau, zero = inverse_dynamics(robot), np.zeros(len(names))
-    held = np.zeros(len(names))
+    names, tau, theta = _rigid_body(robot)
+    held, zero = np.zeros((2, len(names)))
     if posture is not None:
         held[list(robot.driven_indices)] = posture.angles
-    turned = held + np.outer(GRAVITY_ANGLES, np.array([name == joint.name for name in names]))
-    found = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
-    return bool(np.ptp(found) > ROUNDING * max(1.0, *map(abs, found)))
+    # Of these angles no two have the same gravity, whatever its phase.
+    turned = held + np.outer((0.0, 1.1, 2.3), np.array([name == joint.name for name in names]))
+    torques = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
+    return bool(np.ptp(torques) > 1e-9 * max(1.0, *map(abs, torques)))
+
+
+def _rigid_body(robot: Robot) -> tuple[list[str], ca.Function, list[float]]:
+    """Names of the joints, inverse dynamics and the robot's parameters."""
+    theta = [value for value, _ in robot.parameters().values()]
+    return [joint.name for joint in robot.joints], inverse_dynamics(robot), theta
 
 
 def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
-    """Inertia that a motor drives with the others held, link side; of a robot with loops the rotor's alone."""
+    """Inertia that a motor drives with the others held, link side; of a robot with loops that of the rotor alone."""
     motor = joint.motor
     rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
     if robot.loops:
         return rotor
-    names = [each.name for each in robot.joints]
-    q, zero, one = np.zeros((3, len(names)))
-    one[names.index(joint.name)] = 1.0
+    names, tau, theta = _rigid_body(robot)
+    q, zero, unit = np.zeros((3, len(names)))
+    unit[names.index(joint.name)] = 1.0
     if posture is not None:
         q[list(robot.driven_indices)] = posture.angles
-    theta, tau = [value for value, _ in robot.parameters().values()], inverse_dynamics(robot)
-    torque = np.asarray(tau(q, zero, one, theta)) - np.asarray(tau(q, zero, zero, theta))
+    torque = np.asarray(tau(q, zero, unit, theta)) - np.asarray(tau(q, zero, zero, theta))
     return rotor + float(torque[names.index(joint.name), 0])

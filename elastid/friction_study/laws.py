@@ -1,4 +1,4 @@
-"""StaticLaw: what was identified of the sliding friction of one place, as numbers of a robot's file.
+"""StaticLaw: the identified sliding friction of one place, as numbers of a robot's file.
 
 Parts of the law are added one after the other where levels show them; each other part is listed with the reason.
 """
@@ -16,6 +16,7 @@ from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_curve
+from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
 from elastid.robot.friction_numbers import TERMS
 
@@ -35,7 +36,7 @@ class Number:
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The law through levels, and the parts that could not be told from them."""
+    """The law through levels, and the parts that could not be identified from them."""
 
     levels: Levels
     fit: CurveFit
@@ -43,7 +44,7 @@ class StaticLaw:
 
     @classmethod
     def of(cls, levels: Levels, spec: LawSpec) -> StaticLaw:
-        """The law that the levels tell; FitError as `choose_law`."""
+        """The law that the levels identify; FitError as `choose_law`."""
         fit, held = choose_law(levels, spec)
         return cls(levels, fit, held)
 
@@ -55,7 +56,8 @@ class StaticLaw:
     @property
     def values(self) -> dict[str, float]:
         """The numbers by name, SI, at the reference temperature."""
-        return dict(zip(self.names, (self._sum @ self._raw).tolist(), strict=True))
+        raw = np.array([self.fit.values[name] for name in self.fit.names])
+        return dict(zip(self.names, (self._sum @ raw).tolist(), strict=True))
 
     @property
     def covariance(self) -> FloatArray:
@@ -66,34 +68,30 @@ class StaticLaw:
     def numbers(self) -> tuple[Number, ...]:
         """All numbers with 95 % intervals."""
         reach = self.fit.reach
-        found = []
-        for name, value, std in zip(
-            self.names, self.values.values(), np.sqrt(np.diag(self.covariance)).tolist(), strict=True
-        ):
-            unit = TERMS[name].unit_at(self.levels.slides)
-            low, high = value - reach * std, value + reach * std
-            found.append(Number(name, unit, value, std, low, high, self._learnt_from(name)))
-        return tuple(found)
+        stds = np.sqrt(np.diag(self.covariance)).tolist()
+        return tuple(
+            Number(
+                name, TERMS[name].unit_at(self.levels.slides), value, std, value - reach * std, value + reach * std,
+                self._learnt_from(name),
+            )
+            for (name, value), std in zip(self.values.items(), stds, strict=True)
+        )  # fmt: skip
 
     @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
-        known = self.levels.temperature[np.isfinite(self.levels.temperature)]
-        return MeasuredRange(
-            _range(self.levels.speed),
-            _range(self.levels.load) if self.levels.load.any() else None,
-            _range(known) if len(known) else None,
-        )
+        levels, known = self.levels, self.levels.known_temperatures
+        load = _range(levels.load) if levels.load.any() else None
+        return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
 
     @property
     def viscous(self) -> float:
-        """The viscous friction that stands beside the law in a robot's file."""
+        """The viscous friction that a robot's file has next to the law."""
         return max(0.0, self.values.get("viscous", 0.0))
 
     def to_friction(self) -> Friction:
         """The law as a robot's file has it; its presliding is another's."""
         value, eta = self.values, self.fit.values
-        coulomb = value["coulomb"]
         load, temperature, directions = None, None, None
         if "load.coulomb" in value or "load.stiction" in value:
             load = LoadDependence(
@@ -103,29 +101,16 @@ class StaticLaw:
             )
         if "temperature.viscous" in value or "temperature.stiction" in value:
             temperature = TemperatureDependence(
-                self.fit.T_0,
-                value.get("temperature.stiction", 0.0),
-                value.get("temperature.stribeck_velocity", 0.0),
-                max(0.0, value.get("temperature.viscous", 0.0)),
-                eta.get("temperature.decay", 20.0),
-            )
+                self.fit.T_0, value.get("temperature.stiction", 0.0), value.get("temperature.stribeck_velocity", 0.0),
+                max(0.0, value.get("temperature.viscous", 0.0)), eta.get("temperature.decay", 20.0),
+            )  # fmt: skip
         if "directions.coulomb" in value:
             directions = Directions(value["directions.coulomb"], value["directions.viscous"])
         return Friction(
-            coulomb,
-            value.get("stiction"),
-            value.get("stribeck_velocity"),
-            max(0.0, value.get("quadratic", 0.0)),
-            eta.get("exponent", 2.0),
-            load=load,
-            temperature=temperature,
-            directions=directions,
-            measured=self.measured,
-        )
-
-    @property
-    def _raw(self) -> FloatArray:
-        return np.array([self.fit.values[name] for name in self.fit.names])
+            value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
+            max(0.0, value.get("quadratic", 0.0)), eta.get("exponent", 2.0),
+            load=load, temperature=temperature, directions=directions, measured=self.measured,
+        )  # fmt: skip
 
     @property
     def _sum(self) -> FloatArray:
@@ -138,31 +123,25 @@ class StaticLaw:
         return T
 
     def _learnt_from(self, name: str) -> str:
-        levels, unit = self.levels, "m/s" if self.levels.slides else "rad/s"
+        levels, unit = self.levels, motion_unit("velocity", self.levels.slides)
         speeds = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
         if name.startswith("temperature"):
-            known = levels.temperature[np.isfinite(levels.temperature)]
+            known = levels.known_temperatures
             return f"{speeds}, {known.min():.3g} to {known.max():.3g} degC"
         if name.startswith("load"):
-            return f"{speeds}, loads of {levels.load.min():.3g} to {levels.load.max():.3g} {_load_unit(levels)}"
+            return f"{speeds}, loads of {levels.load.min():.3g} to {levels.load.max():.3g} {drive_unit(levels.slides)}"
         return f"{speeds}, both directions" if name.startswith("directions") else speeds
-
-
-def _load_unit(levels: Levels) -> str:
-    return "N" if levels.slides else "N*m"
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-# A number wider than this share of itself (95 % of a normal distribution: it may as well be 0) is not known.
-MAX_RELATIVE_STD = 0.5
-# Reasons of parts that are not missing: they were not asked for, or the data show that they are not there.
+# Reasons of parts that are not missing: they were not asked for, or the data show that they are absent.
 NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
-# Conditions closer than this are one: in K, and as a share of the largest load.
-TEMPERATURE_STEP_K, LOAD_STEP = 2.0, 0.05
-# Speeds that a Stribeck curve beside viscous friction needs, and the part of nu_s that the lowest must reach.
+# Temperatures closer than this are the same condition.
+TEMPERATURE_STEP_K = 2.0
+# Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
 
 
@@ -176,10 +155,11 @@ class Held:
 
 @dataclass(frozen=True)
 class _Part:
-    """Numbers that come together: how they enter the terms, and why the conditions cannot tell them ("" if they can).
+    """Numbers that come together: how they enter the terms, and the reason why the conditions cannot identify them.
 
-    is_tested: by F.  Not so a number that would otherwise be held at one that was not measured: it is free where it can
-    be told at all, since the intervals of the others would not hold the truth.
+    refusal: that reason, "" without one.  is_tested: by F.  Not so a number that would otherwise be held at one that
+    was not measured: it is free where it can be identified at all, since the intervals of the others would not hold the
+    truth.
     """
 
     name: str
@@ -190,9 +170,9 @@ class _Part:
 
 
 def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...]]:
-    """The law with the parts that the levels tell, and the parts that were left out with their reasons.
+    """The law with the parts that the levels identify, and the parts that were left out with their reasons.
 
-    Raises FitError for a part that is asked for (`yes`) and cannot be told, and where there are too few levels.
+    Raises FitError for a part that is asked for (`yes`) and cannot be identified, and where there are too few levels.
     """
     fit = fit_curve(levels, Terms(("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",), (), {}))
     waiting, held = list(_parts(levels, spec)), dict[str, str]()
@@ -247,18 +227,13 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None,
 
 
 def _widest(fit: CurveFit, names: list[str]) -> str | None:
-    """Why a number of the new part is not known; a slope over temperature or direction may be zero, others not."""
+    """The reason why a number of the new part is not known; a slope over temperature or direction may be zero."""
     std = dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
     for name in names:
-        if name in (
-            "temperature.stribeck_velocity",
-            "temperature.stiction",
-            "directions.coulomb",
-            "directions.viscous",
-        ):
+        if name.startswith("directions") or name in ("temperature.stribeck_velocity", "temperature.stiction"):
             continue
         value = fit.values[name]
-        if not std[name] < MAX_RELATIVE_STD * abs(value) or value <= 0:
+        if not std[name] < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
             return f"{name} would be {value:.3g} +- {std[name]:.2g}, which says nothing; more speeds around it would"
     return None
 
@@ -266,12 +241,12 @@ def _widest(fit: CurveFit, names: list[str]) -> str | None:
 def _parts(levels: Levels, spec: LawSpec) -> tuple[_Part, ...]:
     """In the order in which they are tried."""
     speeds = _distinct(np.log(levels.speed), 0.05)
-    temperatures = _distinct(levels.temperature[np.isfinite(levels.temperature)], TEMPERATURE_STEP_K)
-    loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), LOAD_STEP)
+    temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
+    loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
     few_speeds = (
-        "" if speeds >= MIN_SPEEDS else f"{speeds} speeds; a Stribeck curve beside viscous friction needs {MIN_SPEEDS}"
+        "" if speeds >= MIN_SPEEDS else f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}"
     )
-    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else f"{ABSENT}: the directions are alike"
+    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else f"{ABSENT}: both directions have the same levels"
     one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
     two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
     one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"
@@ -312,13 +287,13 @@ def _with(
     def added(terms: Terms) -> Terms:
         if after and after not in (*terms.linear, *terms.searched):
             return terms
-        kept = {name: value for name, value in (dict(terms.held) | (held or {})).items() if name not in searched}
-        return replace(terms, linear=(*terms.linear, *linear), searched=(*terms.searched, *searched), held=kept)
+        still = {name: value for name, value in (dict(terms.held) | (held or {})).items() if name not in searched}
+        return replace(terms, linear=(*terms.linear, *linear), searched=(*terms.searched, *searched), held=still)
 
     return added
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """How many values there are that lie further apart than a step."""
+    """Number of values that lie further apart than a step."""
     ordered = np.sort(values)
     return 0 if not len(ordered) else 1 + int(np.sum(np.diff(ordered) > step))

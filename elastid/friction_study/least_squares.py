@@ -1,13 +1,13 @@
-r"""Least squares of the laws of friction: one search, one covariance, one F test; regression beside a rigid body.
+r"""Least squares of the laws of friction: one search, one covariance, one F test; regression jointly with a rigid body.
 
-Of residuals of variance 1 a nonlinear search ends at :class:`Optimum`. Regressions of the numbers of friction beside
-those of the rigid body have residuals that are not white:
+Of residuals of variance 1 a nonlinear search ends at :class:`Optimum`. Regressions of the numbers of friction jointly
+with those of the rigid body have residuals that are not white:
 
 .. math:: y_j(t) = X_j(t)\, \beta + R_j(t)\, \pi + e_j(t)
 
 for the torques of m joints in one log or several. R, the columns of everything that is no friction, is taken out of X
 and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need not be identifiable. Joints are weighted
-by what is left of their torques. The covariance of beta is Newey and West's (Econometrica 55, 1987): neither time nor
+by the residuals of their torques. The covariance of beta is Newey and West's (Econometrica 55, 1987): neither time nor
 joints are taken for independent.
 """
 
@@ -25,10 +25,8 @@ from elastid.base.statistics import f_test
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
 FALSE_ALARM = 0.01
-# Directions of R below this share of its largest are none.
+# Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
-# Repetitions of weights and solution.
-WEIGHT_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def minimise(
 def inverse_normal(J: FloatArray) -> FloatArray:
     """(J^T J)^-1 (n, n) by columns of unit length; infinite variances where the data do not reach."""
     size = np.linalg.norm(J, axis=0)
-    size[size < 1e-100] = 1.0  # no column: its square underflows
+    size[size < 1e-100] = 1.0  # the square of such a column underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
     known = s > 1e-12 * s.max()
     inverse = (Vt[known].T / s[known] ** 2) @ Vt[known]
@@ -103,7 +101,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Regression:
-    """Numbers by name with their covariance, and the norm of what they leave over that of the torque.
+    """Numbers by name with their covariance, and the norm of the residual over that of the torque.
 
     correlation: of a residual with the next.
     """
@@ -127,7 +125,7 @@ class Regression:
 
 @dataclass(frozen=True)
 class Solution:
-    """beta (n_x,), pi (n_r,), covariance of beta (n_x, n_x), and of the joints (m,) what Regression has of one."""
+    """beta (n_x,), pi (n_r,), covariance of beta (n_x, n_x), and of the joints (m,) the fields of Regression."""
 
     beta: FloatArray
     pi: FloatArray
@@ -137,15 +135,9 @@ class Solution:
     correlation: FloatArray
 
     def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
-        """The chosen numbers, those of one joint."""
-        return Regression(
-            tuple(names),
-            self.beta[list(chosen)],
-            self.covariance[np.ix_(chosen, chosen)],
-            float(self.relative_error[joint]),
-            float(self.sum_of_squares[joint]),
-            float(self.correlation[joint]),
-        )
+        """The chosen numbers, those of a single joint."""
+        of_fit = (float(each[joint]) for each in (self.relative_error, self.sum_of_squares, self.correlation))
+        return Regression(tuple(names), self.beta[list(chosen)], self.covariance[np.ix_(chosen, chosen)], *of_fit)
 
 
 def solve(logs: Sequence[Equations], lags: int) -> Solution:
@@ -153,7 +145,7 @@ def solve(logs: Sequence[Equations], lags: int) -> Solution:
     X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
     (n, m), n_x = y.shape, X.shape[2]
     weight = np.ones(m)
-    for _ in range(WEIGHT_STEPS if m > 1 else 1):
+    for _ in range(5 if m > 1 else 1):  # weights, then the solution
         flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
         flat_y = (weight * y).ravel()
         basis = _basis(flat_R)
@@ -166,9 +158,10 @@ def solve(logs: Sequence[Equations], lags: int) -> Solution:
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
     parts = np.split(scores, np.cumsum([len(log.y) for log in logs])[:-1])
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
-    covariance = bread @ sum(_long_run(part, lags) for part in parts) @ bread / np.outer(size, size)
+    window = 1 - np.arange(lags + 1) / (lags + 1)  # Bartlett's
+    covariance = bread @ sum(with_lags(part.T @ part, part, window) for part in parts) @ bread / np.outer(size, size)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
-    # What the numbers take out of the residuals, of which so many are independent.
+    # Degrees of freedom that the numbers take from the independent residuals.
     independent = float(np.sum(n * (1 - correlation) / (1 + correlation)))
     covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
@@ -187,10 +180,9 @@ def _basis(R: FloatArray) -> FloatArray:
     return np.asarray(U[:, s > RANK_TOLERANCE * s[0]])
 
 
-def _long_run(scores: FloatArray, lags: int) -> FloatArray:
-    """Sum of the autocovariances of scores (n, n_x) over the lags, Bartlett's window."""
-    total = scores.T @ scores
-    for lag in range(1, min(lags, len(scores) - 1) + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        total = total + (1 - lag / (lags + 1)) * (product + product.T)
+def with_lags(total: FloatArray, X: FloatArray, weights: FloatArray) -> FloatArray:
+    """X^T Gamma X (n_x, n_x) of columns X (n, n_x), Gamma the Toeplitz matrix of the weights; total: that of lag 0."""
+    for lag in range(1, min(len(weights), len(X))):
+        product = X[lag:].T @ X[:-lag]
+        total = total + weights[lag] * (product + product.T)
     return np.asarray(total)

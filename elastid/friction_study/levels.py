@@ -19,7 +19,7 @@ from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
-from elastid.record import FrictionRecord
+from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 # Columns (n,) of levels.
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")
@@ -70,8 +70,13 @@ class Levels:
         return len(self.speed)
 
     @property
+    def known_temperatures(self) -> FloatArray:
+        """Temperatures of the levels that have one, degC."""
+        return self.temperature[np.isfinite(self.temperature)]
+
+    @property
     def conditions(self) -> Conditions:
-        """At which the levels stand."""
+        """Conditions at which the levels hold."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
     def select(self, chosen: BoolArray) -> Levels:
@@ -80,15 +85,21 @@ class Levels:
         return replace(self, **columns)
 
 
-# A level wider than this share of itself says nothing of friction.
-MAX_RELATIVE_STD = 0.2
-# Pairs are of one condition where their speeds are as close as this share, and their temperatures as these kelvins.
-SAME_SPEED, SAME_KELVIN = 0.03, 2.0
+@dataclass(frozen=True)
+class LevelLimits:
+    """Limits of the judgement of levels; false alarms are not measured."""
+
+    max_relative_std: float = 0.2  # std over level, above which a level does not count
+    same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
+    same_kelvin: float = 2.0  # the same for temperatures
+
+
+LEVELS = LevelLimits()
 
 
 @dataclass(frozen=True)
 class PassLevels:
-    """The levels, the parts of the torque that all passes share, and what was left out.
+    """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
 
     shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.  turn: of the joint for
     a turn of its motor, whose ripple is among them; 0 for none.
@@ -104,7 +115,7 @@ class PassLevels:
 def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
     """The levels of all pairs of one place, by direction.
 
-    has_gravity: whether its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
+    has_gravity: True if its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
     ripple is regressed too; 0 for none.
     Raises DataError where a pair has one direction only, or no pair slides.
     """
@@ -115,41 +126,33 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     values, covariance, left = design.solve()
     n_k = len(pairs)
     g, o = values[:n_k], values[n_k : 2 * n_k]
-    conditions = [_condition(members) for members in pairs.values()]
+    conditions = np.array([_condition(members) for members in pairs.values()])
+    speed, load, _ = conditions.T
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
-    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], conditions)
+    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
-    known = std < MAX_RELATIVE_STD * np.abs(g)
+    known = std < LEVELS.max_relative_std * np.abs(g)
+    unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
         Note(
             "level-unknown",
-            f"its level at {condition.speed:.3g} {_unit(used)} is {level:.3g} +- {error:.2g} {_torque_unit(used)} and "
-            "does not count: gravity, ripple or noise are too large beside it; repeat the pass, or make it longer",
+            f"its level at {v:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
+            ": gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
             f"pass {name}",
         )
-        for name, condition, level, error, good in zip(pairs, conditions, g, std, known, strict=True)
+        for name, v, level, error, good in zip(pairs, speed, g, std, known, strict=True)
         if not good
     ]
     if not known.any():
-        raise DataError(f"passes of {used[0].place}: no level is known to {MAX_RELATIVE_STD:.0%}; {notes[-1]}")
-    names = design.shared
+        raise DataError(f"passes of {used[0].place}: no level is known to {LEVELS.max_relative_std:.0%}; {notes[-1]}")
     shared = {
-        name: (float(values[2 * n_k + i]), float(np.sqrt(covariance[2 * n_k + i, 2 * n_k + i])))
-        for i, name in enumerate(names)
+        name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
-    levels = _levels(used, conditions, g, std, uneven, known)
-    v, load = np.array([c.speed for c in conditions]), np.array([c.load for c in conditions])
-    notes += offset_steps(o, v, load, list(pairs), g, used[0].place, used[0].slides)
+    levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
+    notes += offset_steps(o, speed, load, list(pairs), g, used[0].place, used[0].slides)
     notes += gravity_note(shared, g, used[0].place, used[0].slides)
     return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
-
-
-@dataclass(frozen=True)
-class _Condition:
-    speed: float
-    load: float
-    temperature: float
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -161,26 +164,24 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
         if len(directions) < 2:
             word = "positive" if 1.0 in directions else "negative"
             raise DataError(
-                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be told from gravity "
-                "and offset without the way back; record both directions"
+                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be distinguished "
+                "from gravity and offset without the way back; record both directions"
             )
     return pairs
 
 
-def _condition(members: Sequence[Pass]) -> _Condition:
-    speeds = [float(np.abs(each.velocity).mean()) for each in members]
-    return _Condition(
-        float(np.mean(speeds)),
-        float(np.mean([each.load for each in members])),
-        float(np.mean([each.temperature for each in members])),
-    )
+def _condition(members: Sequence[Pass]) -> list[float]:
+    """Mean speed, load and temperature."""
+    values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
+    return [float(np.mean(column)) for column in zip(*values, strict=True)]
 
 
-def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Condition]) -> float:
-    """By what the variance of the levels is larger than stated: 1 where pairs of one condition scatter no more."""
+def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> float:
+    """Factor of the variance of the levels by which pairs of the same condition scatter more than stated, else 1."""
+    speed, kelvin = LEVELS.same_speed, LEVELS.same_kelvin
     keys = np.array([
-        (round(np.log(c.speed) / SAME_SPEED), round(c.load, 6), round(np.nan_to_num(c.temperature) / SAME_KELVIN))
-        for c in conditions
+        (round(np.log(v) / speed), round(load, 6), round(np.nan_to_num(temperature) / kelvin))
+        for v, load, temperature in conditions.tolist()
     ])  # fmt: skip
     squares, dof = 0.0, 0
     for key in np.unique(keys, axis=0):
@@ -194,14 +195,11 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Conditi
     return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
 
 
-def _uneven(
-    o: FloatArray, covariance: FloatArray, conditions: Sequence[_Condition]
-) -> tuple[FloatArray, tuple[float, float]]:
+def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
     """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
 
     A slope of o over speed counts where an F test finds it; without one all of o is an offset.
     """
-    v = np.array([condition.speed for condition in conditions])
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
     flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
 
@@ -222,36 +220,15 @@ def _uneven(
 
 
 def _levels(
-    passes: Sequence[Pass],
-    conditions: Sequence[_Condition],
-    g: FloatArray,
-    std: FloatArray,
-    uneven: FloatArray,
-    known: BoolArray,
+    passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
 ) -> Levels:
     """By direction where the directions differ, else their means."""
-    chosen = [c for c, good in zip(conditions, known, strict=True) if good]
-    g, std, uneven = g[known], std[known], uneven[known]
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
-    n = len(chosen)
-    return Levels(
-        passes[0].place,
-        np.tile([c.speed for c in chosen], len(signs)),
-        np.repeat(signs, n),
-        np.concatenate([g + s * uneven for s in signs]),
-        np.tile(std * np.sqrt(len(signs)), len(signs)),
-        np.tile([c.load for c in chosen], len(signs)),
-        np.tile([c.temperature for c in chosen], len(signs)),
-        passes[0].slides,
-    )
-
-
-def _unit(passes: Sequence[Pass]) -> str:
-    return "m/s" if passes[0].slides else "rad/s"
-
-
-def _torque_unit(passes: Sequence[Pass]) -> str:
-    return "N" if passes[0].slides else "N*m"
+    speed, load, temperature = np.tile(conditions.T, len(signs))
+    torque = np.concatenate([g + s * uneven for s in signs])
+    std = np.tile(std * np.sqrt(len(signs)), len(signs))
+    direction = np.repeat(signs, len(g))
+    return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
@@ -260,25 +237,26 @@ def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn
     Arguments and errors as `find_levels`.
     """
     loads = dict.fromkeys(record.load for record in records)
-    found = [
+    by_load = [
         find_levels(
             [each for record in records if record.load == load for each in passes_of(record)], has_gravity, turn
         )
         for load in loads
     ]
-    if len(found) == 1:
-        return found[0]
-    levels = [one.levels for one in found]
+    if len(by_load) == 1:
+        return by_load[0]
+    levels = [each.levels for each in by_load]
     if not all(each.direction.any() for each in levels):
         # Directions that differ under one load alone are chance, or that load's own.
         levels = [_of_both_ways(each) for each in levels]
-    rms = float(np.sqrt(np.mean([one.residual_rms**2 for one in found])))
+    rms = float(np.sqrt(np.mean([each.residual_rms**2 for each in by_load])))
     notes = tuple(
         replace(note, place=f"{note.place}, load {load}")
-        for one, load in zip(found, loads, strict=True)
-        for note in one.notes
+        for each, load in zip(by_load, loads, strict=True)
+        for note in each.notes
     )
-    return replace(found[0], levels=_joined(levels), residual_rms=rms, notes=notes)
+    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
+    return replace(by_load[0], levels=replace(levels[0], **columns), residual_rms=rms, notes=notes)
 
 
 def _of_both_ways(levels: Levels) -> Levels:
@@ -288,9 +266,3 @@ def _of_both_ways(levels: Levels) -> Levels:
     forward, backward = levels.select(levels.direction > 0), levels.select(levels.direction < 0)
     torque, std = (forward.torque + backward.torque) / 2, np.hypot(forward.std, backward.std) / 2
     return replace(forward, direction=np.zeros(forward.n_levels), torque=torque, std=std)
-
-
-def _joined(levels: Sequence[Levels]) -> Levels:
-    """All levels one after the other."""
-    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    return replace(levels[0], **columns)

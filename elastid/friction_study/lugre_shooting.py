@@ -8,8 +8,8 @@ The log is cut into intervals of a few samples, each simulated from a state of i
 W_k is the covariance that torque noise gives the end of an interval: without gaps the output error drifts by far more
 than the encoder's noise, so that the gaps are the noise model and no numerical trick. Gauss-Newton over ln p and all
 states, by one sparse factorisation of the normal equations a step: SciPy's searches take a dense Jacobian, or an
-iterative solver that these states of unlike sizes make slow. (Bock, Recent advances in
-parameter identification techniques for ODE, 1983.) The last term is what passes have told of the static numbers.
+iterative solver that these states of different sizes make slow. (Bock, Recent advances in
+parameter identification techniques for ODE, 1983.) The last term is the knowledge of the static numbers from passes.
 """
 
 from __future__ import annotations
@@ -29,20 +29,10 @@ from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import StaticLaw
 from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
 
+# Samples of an interval.
 INTERVAL = 20
-# Of each search, and of the best of them.
-FIRST_ITERATIONS, MAX_ITERATIONS = 8, 60
-# Residuals over what the noise explains, above which a search begins again elsewhere, and above which no law explains
-# the log.
-GOOD_EXCESS, MAX_EXCESS = 1.25, 2.0
-# Stiffnesses of the bristles from which searches begin, over the given one.
-BRISTLE_STARTS = (1.0, 2.0, 0.5)
-MAX_DAMPING = 1e8
 # A step that changes the cost by less has converged: of 8000 samples that is a quarter of a standard deviation.
 MIN_PROGRESS = 1e-5
-# Rounding and integration error of a gap, as a share of the angle's std, and of what bristles bend.
-GAP_FLOOR = 0.05
-BRISTLE_FLOOR = 1e-3
 
 
 @frozen_value
@@ -86,9 +76,9 @@ def fit_lugre(
 ) -> LuGreFit:
     """All six numbers from a log that sticks, breaks away and slides.
 
-    prior: what passes and responses at rest have told; `start` needs only the numbers that it does not have.
+    prior: from passes and responses at rest; `start` needs only the numbers that it does not have.
     exponent: of the Stribeck curve.
-    Where a search leaves far more than the noise explains, it begins again with stiffer and with softer bristles.
+    Where the residual of a search is far above the noise, it begins again with stiffer and with softer bristles.
     Raises FitError where the log is shorter than a few intervals, or no search explains it.
     """
     known = prior or Prior(np.zeros(len(FRICTION)), np.zeros((len(FRICTION),) * 2))
@@ -97,14 +87,14 @@ def fit_lugre(
     first = np.log([begin[name] for name in FRICTION])
     dof = len(log.angle) - len(FRICTION)
     searches: list[_Search] = []
-    for factor in BRISTLE_STARTS:
+    for factor in (1.0, 2.0, 0.5):  # of the stiffness of the bristles
         p = first + np.log(factor) * np.eye(len(FRICTION))[0]
-        searches.append(_descend(problem, _Search.at(problem, p), FIRST_ITERATIONS))
-        if searches[-1].system.cost < GOOD_EXCESS * dof:
+        searches.append(_descend(problem, _Search.at(problem, p), 8))
+        if searches[-1].system.cost < 1.25 * dof:
             break
-    best = _descend(problem, min(searches, key=lambda search: search.system.cost), MAX_ITERATIONS)
+    best = _descend(problem, min(searches, key=lambda search: search.system.cost), 60)
     cost = best.system.cost
-    if not cost < MAX_EXCESS * dof:
+    if not cost < 2.0 * dof:
         raise FitError(
             f"friction of {log.place}: the best LuGre law leaves {cost / dof:.2g} times what the noise explains; start "
             "nearer (passes give the static numbers), check inertia and stiffness of the joint and the stds of torque "
@@ -127,7 +117,7 @@ class _Search:
 
     @classmethod
     def at(cls, problem: _Problem, p: FloatArray) -> _Search:
-        """Its beginning at ln p."""
+        """The start of a search at ln p."""
         X = problem.first_states()
         return cls(p, X, problem.at(p, X))
 
@@ -138,7 +128,7 @@ class _Search:
             dp, dX = self.system.step(damping)
             p, X = self.p + np.clip(dp, -1.0, 1.0), self.X + dX
             system = problem.at(p, X)
-            if system.cost < (1 + MIN_PROGRESS) * cost or damping > MAX_DAMPING:
+            if system.cost < (1 + MIN_PROGRESS) * cost or damping > 1e8:
                 break
             damping *= 10
         if system.cost >= cost:
@@ -178,11 +168,14 @@ def _factor(N: csc_matrix) -> SuperLU:
     return splu(csc_matrix(N), permc_spec="NATURAL", diag_pivot_thresh=0.0)
 
 
+_NO_SYSTEM = _System(np.inf, csc_matrix((0, 0)), np.zeros(0))
+
+
 @dataclass(frozen=True)
 class _Problem:
     """A log cut into K intervals, and the functions that simulate them: torque, angle (K, INTERVAL).
 
-    scale (5,): of the states.  bend: of bristles before they slide, as far as the start knows it.
+    scale (5,): of the states.  bend: of bristles before they slide, by the start.
     """
 
     log: JointLog
@@ -226,8 +219,7 @@ class _Problem:
         for i, moved in enumerate(np.diff(q, prepend=q[0]).tolist()):
             bend = min(max(bend + moved, -self.bend), self.bend)
             z[i] = bend
-        at = np.arange(0, len(q) - 1, INTERVAL)
-        return np.stack([q[at], v[at], q[at], v[at], z[at]], axis=1)
+        return np.stack([q, v, q, v, z], axis=1)[: len(q) - 1 : INTERVAL]
 
     def at(self, p: FloatArray, X: FloatArray) -> _System:
         """The normal equations at ln p (6,) and states X (K, 5)."""
@@ -237,19 +229,20 @@ class _Problem:
         Y = out.full().T
         J = slopes.full().reshape(INTERVAL + n_x, K, n_x + n_p).transpose(1, 0, 2)
         gains = self.noise_gain(X.T, P, self.torque.T).full().reshape(n_x, K, INTERVAL).transpose(1, 0, 2)
-        floor = np.diag(np.append(GAP_FLOOR * self.scale[:4], BRISTLE_FLOOR * self.scale[4]) ** 2)
+        # Rounding and integration error of a gap, of the std of the angle and of the bend of the bristles.
+        floor = np.diag(np.append(0.05 * self.scale[:4], 1e-3 * self.scale[4]) ** 2)
         W = self.log.torque_std**2 * gains @ gains.transpose(0, 2, 1) + floor
         try:
             root = np.linalg.inv(np.linalg.cholesky(W[:-1]))
         except np.linalg.LinAlgError:
-            return _System(np.inf, csc_matrix((0, 0)), np.zeros(0))
+            return _NO_SYSTEM
         angle = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
         gap = np.einsum("kij,kj->ki", root, X[1:] - Y[:-1, INTERVAL:])
         by_angle, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
         far = p - self.prior.mean
         cost = float(np.sum(angle**2) + np.sum(gap**2) + far @ self.prior.information @ far)
         if not np.isfinite(cost):
-            return _System(np.inf, csc_matrix((0, 0)), np.zeros(0))
+            return _NO_SYSTEM
         # Residuals fall along A d; the next interval's state enters its gap with the opposite sign.
         own, following = block_diag(by_gap[:, :, :n_x]), block_diag(root)
         none = csc_matrix(((K - 1) * n_x, n_x))
@@ -278,11 +271,11 @@ class Prior:
         """
         names, value = list(values), np.array(list(values.values()))
         used = [i for i, name in enumerate(names) if name in FRICTION and value[i] > 0]
-        at = [FRICTION.index(names[i]) for i in used]
+        rows = [FRICTION.index(names[i]) for i in used]
         mean, information = np.zeros(len(FRICTION)), np.zeros((len(FRICTION),) * 2)
-        mean[at] = np.log(value[used])
+        mean[rows] = np.log(value[used])
         relative = covariance[np.ix_(used, used)] / np.outer(value[used], value[used])
-        information[np.ix_(at, at)] = np.linalg.inv(relative)
+        information[np.ix_(rows, rows)] = np.linalg.inv(relative)
         return cls(mean, information)
 
     @classmethod
@@ -291,9 +284,9 @@ class Prior:
         return cls.of(law.values, law.covariance)
 
     @classmethod
-    def of_rest(cls, found: AtRest) -> Prior:
+    def of_rest(cls, rest: AtRest) -> Prior:
         """sigma_0 and sigma_1."""
-        return cls.of({"sigma_0": found.sigma_0, "sigma_1": found.sigma_1}, found.covariance)
+        return cls.of({"sigma_0": rest.sigma_0, "sigma_1": rest.sigma_1}, rest.covariance)
 
     def with_other(self, other: Prior) -> Prior:
         """The knowledge of both, of different numbers."""

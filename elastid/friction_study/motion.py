@@ -26,22 +26,15 @@ from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regress
 from elastid.friction_study.plateaus import Plateau, distinct_speeds, find_plateaus
 from elastid.robot.friction_numbers import TERMS
 
-# The filter of both sides, and that of the position before it is differentiated, as a multiple of it.
-PASSBAND_HZ, DERIVATIVE_BAND = 20.0, 3.0
-FILTER_ORDER = 4
-# Ends of a record that the filters spoil, in periods of the passband.
-SPOILT_PERIODS = 6.0
-# Ripple and cogging are correlated for about the time of one turn.
-CORRELATED_S = 1.0
-# An axis moves one way where it is faster than this share of its highest speed for this share of the time.
-MOVING_SHARE = 0.02
+# The filter of both sides; three times as much passes before a position is differentiated.
+PASSBAND_HZ = 20.0
 
 
 @frozen_value
 class Motion:
     """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
 
-    turns_against_gravity: whether the torque of gravity changes with the angle.
+    turns_against_gravity: True if the torque of gravity changes with the angle.
     """
 
     place: str
@@ -82,16 +75,16 @@ class MotionSignals:
                 f"motion of {motion.place}: a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
                 f"Hz, and it has {rate:g} Hz; lower the passband"
             )
-        spoilt = round(SPOILT_PERIODS / passband_hz * rate)
+        spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
         if len(motion.position) < 4 * spoilt:
             raise DataError(
                 f"motion of {motion.place}: {len(motion.position) / rate:.3g} s are too short for a passband of "
                 f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it"
             )
-        smooth = butter(FILTER_ORDER, min(DERIVATIVE_BAND * passband_hz, 0.45 * rate), fs=rate, output="sos")
+        smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
         position = np.asarray(sosfiltfilt(smooth, motion.position))
         velocity = np.gradient(position, 1 / rate)
-        sos = butter(FILTER_ORDER, passband_hz, fs=rate, output="sos")
+        sos = butter(4, passband_hz, fs=rate, output="sos")
         kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
         return cls(rate, position, velocity, np.gradient(velocity, 1 / rate), motion.torque, sos, kept, passband_hz)
 
@@ -101,8 +94,8 @@ class MotionSignals:
 
     @property
     def correlation_lags(self) -> int:
-        """Kept samples over which residuals may be correlated."""
-        return max(1, round(CORRELATED_S * self.rate_hz / int(self.kept.step)))
+        """Kept samples over which residuals may be correlated: of ripple and cogging about a second."""
+        return max(1, round(self.rate_hz / int(self.kept.step)))
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:
@@ -110,9 +103,9 @@ class MotionSignals:
         return find_plateaus(self.velocity, self.acceleration, self.rate_hz)
 
     def moves(self, direction: int) -> bool:
-        """True if it moves that way (1, -1), more than noise does."""
+        """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
         inside = self.velocity[self.kept.start : self.kept.stop]
-        return bool(np.mean(direction * inside > MOVING_SHARE * np.abs(inside).max()) > MOVING_SHARE)
+        return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
 
 
 # Numbers of what is no friction.
@@ -121,10 +114,10 @@ RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
 
 @dataclass(frozen=True)
 class MotionFriction:
-    """The friction of an axis from a motion: with both directions alike, with each its own, and which of them it is.
+    """The friction of an axis from a motion: with the same numbers in both directions, and with different ones.
 
     motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
-    slides steadily.  held: what the motion cannot tell.  passband_hz: of the regression.  notes: on what it rests.
+    slides steadily.  held: parts that the motion cannot identify.  passband_hz: of the regression.  notes: on its data.
     """
 
     motion: Motion
@@ -139,7 +132,7 @@ class MotionFriction:
 
     @property
     def chosen(self) -> Regression:
-        """The regression that the data tell."""
+        """The regression that the F test selects."""
         return self.apart if self.are_apart else self.alike
 
     def unit(self, name: str) -> str:
@@ -157,30 +150,35 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     """
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for motion, each in zip(motions, signals, strict=True):
-        _check_both_ways(motion, each)
+        for direction, word in ((1, "forwards"), (-1, "backwards")):
+            if not each.moves(direction):
+                raise DataError(
+                    f"motion of {motion.place}: it barely moves {word}, so that friction cannot be distinguished from "
+                    "an offset or gravity; record a motion there and back"
+                )
     alike, apart = (_regressed(motions, signals, apart) for apart in (False, True))
     refuse_driving(motions[0].place, alike)
     # Residuals are correlated: the test counts what is independent.
-    n_kept = sum(len(range(len(each.torque))[each.kept]) for each in signals)
-    n = n_kept * (1 - alike.correlation) / (1 + alike.correlation)
+    n = sum(len(range(len(each.torque))[each.kept]) for each in signals)
+    n_independent = n * (1 - alike.correlation) / (1 + alike.correlation)
     extra = len(apart.names) - len(alike.names)
-    dof = max(1.0, n - len(apart.names))
+    dof = max(1.0, n_independent - len(apart.names))
     chance = f_test(alike.sum_of_squares - apart.sum_of_squares, extra, apart.sum_of_squares, dof)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = parts_held(plateaus, motions[0].slides)
     return MotionFriction(motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz)
 
 
-def rigid_torque(found: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
+def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
     """The torque (n,) at full rate of all that is no friction in the first log: rigid body, gravity and offset.
 
     torque (n,): of the log, with the rigid body, of which a joint that moved with others has no numbers of its own.
     """
-    if "inertia" not in found.chosen.names:
-        return np.asarray(torque - found.motion.torque)
-    columns = _raw_columns(found.motion, signals, found.are_apart)
+    if "inertia" not in friction.chosen.names:
+        return np.asarray(torque - friction.motion.torque)
+    columns = _raw_columns(friction.motion, signals, friction.are_apart)
     rigid = [name for name in columns if name in RIGID]
-    return np.asarray(sum(found.chosen[name] * columns[name] for name in rigid))
+    return np.asarray(sum(friction.chosen[name] * columns[name] for name in rigid))
 
 
 @frozen_value
@@ -197,21 +195,21 @@ class MotionSamples:
     friction: FloatArray
 
 
-def motion_parts(found: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
+def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
     """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep."""
-    numbers, columns = found.chosen, _columns(found.motion, signals, found.are_apart)
+    numbers, columns = friction.chosen, _columns(friction.motion, signals, friction.are_apart)
     return {name: numbers[name] * columns[name] for name in numbers.names}
 
 
-def motion_samples(found: MotionFriction) -> MotionSamples:
+def motion_samples(fit: MotionFriction) -> MotionSamples:
     """The samples behind a regression, of its first log."""
-    signals = MotionSignals.of(found.motion, found.passband_hz)
-    parts = motion_parts(found, signals)
+    signals = MotionSignals.of(fit.motion, fit.passband_hz)
+    parts = motion_parts(fit, signals)
     regressed = np.sum(list(parts.values()), axis=0)
     rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
     torque = signals.filtered(signals.torque)
     friction = torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
-    time_s = np.arange(len(found.motion.position))[signals.kept] / found.motion.rate_hz
+    time_s = np.arange(len(fit.motion.position))[signals.kept] / fit.motion.rate_hz
     return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
 
 
@@ -225,7 +223,7 @@ def refuse_driving(place: str, friction: Regression) -> None:
 
 
 def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
-    """Parts of the law that a motion with these plateaus cannot tell."""
+    """Parts of the law that a motion with these plateaus cannot identify."""
     speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
     held = (
         Held("temperature", "a regression of motions has none; measure passes cold and warm, and log the temperature"),
@@ -239,15 +237,6 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
         f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
     )
     return (Held("stribeck", text), *held)
-
-
-def _check_both_ways(motion: Motion, signals: MotionSignals) -> None:
-    for direction, word in ((1, "forwards"), (-1, "backwards")):
-        if not signals.moves(direction):
-            raise DataError(
-                f"motion of {motion.place}: it hardly moves {word}, so that friction cannot be told from an offset or "
-                "gravity; record a motion there and back"
-            )
 
 
 def _regressed(motions: Sequence[Motion], signals: Sequence[MotionSignals], apart: bool) -> Regression:
@@ -266,11 +255,8 @@ def _columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, F
 
 def _raw_columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
     v, s = signals.velocity, np.sign(signals.velocity)
-    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
-    if apart:
-        columns |= {"directions.viscous": np.abs(v), "directions.coulomb": np.abs(s)}
-    else:
-        columns |= {"offset": np.ones_like(v)}
+    own = {"directions.viscous": np.abs(v), "directions.coulomb": np.abs(s)} if apart else {"offset": np.ones_like(v)}
+    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s} | own
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(signals.position), "gravity.sin": np.sin(signals.position)}
     return columns

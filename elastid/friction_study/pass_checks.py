@@ -1,11 +1,11 @@
-r"""Faults of passes that would be taken for friction: clipped torques, loads that are no loads, offsets that move.
+r"""Faults of passes that would be taken for friction: clipped torques, loads that are none, offsets that move.
 
 Friction that changes with the angle of its joint is found by the difference of passes there and back at the same angle.
 
 .. math:: h(q) = \frac{u_{there}(q) - u_{back}(q)}{2} - J \frac{a_{there} - a_{back}}{2}
 
-is friction alone: gravity, ripple and offsets of the torque are alike in both directions. Of each pair h over its mean
-is fitted by Legendre polynomials of the angle; shapes that all pairs have in common are no noise.
+is friction alone: gravity, ripple and offsets of the torque are the same in both directions. Of each pair h over its
+mean is fitted by Legendre polynomials of the angle; shapes that all pairs have in common are no noise.
 
 Loops before sliding are compared with the counts of the encoder.
 """
@@ -25,7 +25,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import f_test
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.passes import Pass
-from elastid.record import FrictionRecord
+from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,11 @@ class PassThresholds:
     step_share: float = 0.1  # of the smallest level: the least step that counts
     same_load: float = 0.05  # of the largest load: loads as near are one
     large_gravity: float = 50.0  # over friction: a small error of gravity is then a large one of friction
+    min_pairs: int = 4  # from which a change of friction with the angle can be identified
+    min_cover: float = 0.6  # of the widest range of angles, below which a pair is left out of that test
+    min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
+    min_counts: float = 3.0  # amplitude of a loop in counts, below which it is steps of the encoder
+    max_small_share: float = 0.5  # of loops that may be as small
 
 
 PASSES = PassThresholds()
@@ -52,51 +57,47 @@ def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
 
     DataError where none is left.
     """
-    faults = {each.pair: _sticking(each) for each in passes if each.turns_back} | _clipped(passes)
+    faults = {each.pair: ("stick-slip", _sticking(each)) for each in passes if each.turns_back}
+    faults |= {pair: ("clipped-pass", text) for pair, text in _clipped(passes).items()}
     notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
     used = [each for each in passes if each.pair not in faults]
     if not used:
         place = passes[0].place if passes else "the joint"
-        said = f"; {notes[0]}" if notes else ""
+        reason = f"; {notes[0]}" if notes else ""
         raise DataError(
             f"passes of {place}: none slides all the time; measure faster, or raise the bandwidth of the "
-            f"controller{said}"
+            f"controller{reason}"
         )
     return used, notes
 
 
-def _sticking(each: Pass) -> tuple[str, str]:
-    return "stick-slip", (
+def _sticking(each: Pass) -> str:
+    return (
         f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
         f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
         "bandwidth of the controller, or measure faster"
     )
 
 
-def _clipped(passes: Sequence[Pass]) -> dict[str, tuple[str, str]]:
+def _clipped(passes: Sequence[Pass]) -> dict[str, str]:
     """Pairs in which a torque stands at the largest of all passes."""
     limit = max((float(np.abs(each.torque).max()) for each in passes), default=0.0)
-    found: dict[str, tuple[str, str]] = {}
+    pairs: dict[str, str] = {}
     for each in passes:
         at_limit = np.abs(each.torque) == limit
-        run, share = (
-            np.convolve(at_limit, np.ones(PASSES.clipped_run), "valid").max(initial=0.0),
-            float(np.mean(at_limit)),
-        )
+        run = np.convolve(at_limit, np.ones(PASSES.clipped_run), "valid").max(initial=0.0)
+        share = float(np.mean(at_limit))
         # The steps of a coarse converter are no limit.
         if (
             run >= PASSES.clipped_run
             and PASSES.clipped_share <= share < PASSES.constant_share
             and len(np.unique(each.torque)) > PASSES.min_values
         ):
-            found[each.pair] = (
-                "clipped-pass",
-                (
-                    f"{share:.0%} of its torques stand at the limit of {limit:.4g}: clipped there, so that its level "
-                    "is too low and does not count; measure slower, or raise the limit of the drive"
-                ),
+            pairs[each.pair] = (
+                f"{share:.0%} of its torques stand at the limit of {limit:.4g}: clipped there, so that its level is "
+                "too low and does not count; measure slower, or raise the limit of the drive"
             )
-    return found
+    return pairs
 
 
 def check_loads(passes: Sequence[Pass]) -> None:
@@ -124,17 +125,14 @@ def offset_steps(
 ) -> tuple[Note, ...]:
     """A note for each load on offsets of pairs (n,), in the order in which they were measured, that jump between two.
 
-    What grows with speed is no offset but friction of unlike directions.
+    A part that grows with speed is no offset but friction that differs between the directions.
     """
-    unit = "N" if slides else "N*m"
-    found = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in _groups(load)]
-    return tuple(Note("moved-offset", text, f"passes of {place}") for text in found if text)
-
-
-def _groups(load: FloatArray) -> list[list[int]]:
-    """Pairs of one load, to a twentieth of the largest."""
     rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / PASSES.same_load)
-    return [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
+    groups = [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
+    texts = [
+        _offset_step(offset[own], speed[own], [names[i] for i in own], level[own], drive_unit(slides)) for own in groups
+    ]
+    return tuple(Note("moved-offset", text, f"passes of {place}") for text in texts if text)
 
 
 def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
@@ -159,7 +157,7 @@ def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], le
 
 
 def _left(A: FloatArray, y: FloatArray) -> float:
-    """Sum of squares that the columns leave."""
+    """Sum of squares of the residual of a regression on columns."""
     left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
     return float(left @ left)
 
@@ -173,7 +171,7 @@ def gravity_note(
     gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
     if gravity < PASSES.large_gravity * friction:
         return ()
-    unit = "N" if slides else "N*m"
+    unit = drive_unit(slides)
     text = (
         f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
         f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
@@ -182,50 +180,42 @@ def gravity_note(
     return (Note("large-gravity", text, f"passes of {place}"),)
 
 
-# Degrees of the polynomials, bins of the angle, and pairs that can tell anything.
-DEGREES, BINS, MIN_PAIRS = 3, 24, 4
-# Pairs that cover less of the widest one's angles are left out.
-MIN_COVER = 0.6
-# The smallest change, in parts of friction, that is worth a note.
-MIN_CHANGE = 0.03
+# Degrees of the polynomials, and bins of the angle.
+DEGREES, BINS = 3, 24
 
 
 def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
     """A note where friction changes with the angle by more than pairs scatter; inertia: J of the passes."""
-    pairs = [pair for pair in _there_and_back(passes) if pair is not None]
+    of_pair: dict[str, dict[float, Pass]] = {}
+    for each in passes:
+        of_pair.setdefault(each.pair, {}).setdefault(each.direction, each)
+    pairs = [(ways[1.0], ways[-1.0]) for ways in of_pair.values() if len(ways) == 2]
     widest = max((_cover(pair) for pair in pairs), default=0.0)
-    wide = [pair for pair in pairs if _cover(pair) > MIN_COVER * widest]
-    if len(wide) < MIN_PAIRS:
+    wide = [pair for pair in pairs if _cover(pair) > PASSES.min_cover * widest]
+    if len(wide) < PASSES.min_pairs:
         return None
-    low, high = max(_range(pair)[0] for pair in wide), min(_range(pair)[1] for pair in wide)
+    lowest, highest = zip(*map(_range, wide), strict=True)
+    low, high = max(lowest), min(highest)
     shapes = np.array([_shape(pair, inertia, low, high) for pair in wide])
     mean = shapes.mean(axis=0)
     std = shapes.std(axis=0, ddof=1) / np.sqrt(len(shapes))
     limit = stdtrit(len(shapes) - 1, 1 - FALSE_ALARM / 2 / DEGREES)
     clear = np.where(np.abs(mean) > limit * std, mean, 0.0)
     change = float(np.ptp(legval(np.linspace(-1, 1, 101), np.append(0.0, clear))))
-    if change < MIN_CHANGE:
+    if change < PASSES.min_change:
         return None
-    unit = "m" if passes[0].slides else "rad"
+    unit = motion_unit("position", passes[0].slides)
     text = (
         f"friction changes by {change:.0%} of itself with the position, between {low:.3g} and {high:.3g} {unit}, and "
         "its law has no such change: levels are means over the positions of each pass, and slow passes that cover "
-        "fewer of them stand beside the curve; give all passes one window, or hold the law to hold there only"
+        "fewer of them deviate from the curve; give all passes one window, or take the law to hold there only"
     )
     return Note("friction-by-angle", text, passes[0].place)
 
 
-def _there_and_back(passes: Sequence[Pass]) -> list[tuple[Pass, Pass] | None]:
-    """The first pass of each direction of every pair; None without one."""
-    pairs: dict[str, dict[float, Pass]] = {}
-    for one in passes:
-        pairs.setdefault(one.pair, {}).setdefault(one.direction, one)
-    return [(two[1.0], two[-1.0]) if len(two) == 2 else None for two in pairs.values()]
-
-
 def _range(pair: tuple[Pass, Pass]) -> tuple[float, float]:
     """Lowest and highest position that both directions have."""
-    return max(float(one.position.min()) for one in pair), min(float(one.position.max()) for one in pair)
+    return max(float(each.position.min()) for each in pair), min(float(each.position.max()) for each in pair)
 
 
 def _cover(pair: tuple[Pass, Pass]) -> float:
@@ -237,25 +227,19 @@ def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> 
     """Coefficients (DEGREES,) of h over its mean, between two positions."""
     edges = np.linspace(low, high, BINS + 1)
     means = []
-    for one in pair:
-        bins = np.clip(np.digitize(one.position, edges) - 1, 0, BINS - 1)
-        used = (one.position >= low) & (one.position <= high)
+    for each in pair:
+        bins = np.clip(np.digitize(each.position, edges) - 1, 0, BINS - 1)
+        used = (each.position >= low) & (each.position <= high)
         count = np.bincount(bins[used], minlength=BINS)
-        total = np.bincount(bins[used], (one.torque - inertia * one.acceleration)[used], BINS)
+        total = np.bincount(bins[used], (each.torque - inertia * each.acceleration)[used], BINS)
         means.append(np.divide(total, count, out=np.full(BINS, np.nan), where=count > 0))
     h = (means[0] - means[1]) / 2
     known = np.isfinite(h)
     x = np.linspace(-1, 1, 2 * BINS + 1)[1::2]
     if known.sum() <= DEGREES + 1:
         return np.zeros(DEGREES)
-    found, *_ = np.linalg.lstsq(legvander(x[known], DEGREES), h[known], rcond=None)
-    return np.asarray(found[1:] / found[0])
-
-
-# Counts of a loop's amplitude below which it is steps of the encoder.
-MIN_COUNTS = 3.0
-# Share of the loops that may be as small.
-MAX_SMALL_SHARE = 0.5
+    coefficients, *_ = np.linalg.lstsq(legvander(x[known], DEGREES), h[known], rcond=None)
+    return np.asarray(coefficients[1:] / coefficients[0])
 
 
 def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
@@ -264,20 +248,20 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
         return ()
     amplitudes = _amplitudes(record)
     counts = amplitudes / record.resolution
-    small = int(np.sum(counts < MIN_COUNTS))
+    small = int(np.sum(counts < PASSES.min_counts))
     if not small:
         return ()
     where = f"loops {record.name} of joint {record.joint}"
-    said = (
-        f"{small} of {len(counts)} half loops move by less than {MIN_COUNTS:g} counts of the encoder "
+    text = (
+        f"{small} of {len(counts)} half loops move by less than {PASSES.min_counts:g} counts of the encoder "
         f"({record.resolution:.3g} {record.unit} each; the smallest has {counts.min():.2g})"
     )
-    if small > MAX_SMALL_SHARE * len(counts):
+    if small > PASSES.max_small_share * len(counts):
         raise DataError(
-            f"{where}: {said}: stiffness before sliding cannot be seen in steps; raise the torque of the loops, or "
-            "measure with a finer encoder"
+            f"{where}: {text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops"
+            ", or measure with a finer encoder"
         )
-    return (Note("small-loops", f"{said}: they tell little of the stiffest elements", where, "information"),)
+    return (Note("small-loops", f"{text}: they barely constrain the stiffest elements", where, "information"),)
 
 
 def _amplitudes(record: FrictionRecord) -> FloatArray:

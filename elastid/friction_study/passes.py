@@ -4,14 +4,14 @@ r"""One regression over all passes of a joint: what all share, and the level of 
               + \sum_h (a_h \cos h N q + b_h \sin h N q)
 
 for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
-inertia are the same in all pairs, gravity in all of one load; the level g_k and what is alike in both directions, o_k,
-are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the torque
-where it does not change with speed; what changes is friction that differs between the directions. Levels stand at the
-speed that was measured, not at the one that was commanded.
+inertia are the same in all pairs, gravity in all of one load; the level g_k and the part o_k that is the same in both
+directions are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the
+torque where it does not change with speed; a part that changes is friction that differs between the directions.
+Levels hold at the measured speed, not at the commanded one.
 
 A level's variance comes from how pairs of the same speed scatter, and within a pair from the autocovariance of the
-residuals of all passes. Ripple that the regression has not would be taken for such noise, so harmonics that stand out
-of the residuals are taken into it. Rows are means of a few samples: noise that is white loses nothing by it.
+residuals of all passes. Ripple that the regression lacks would be taken for such noise, so harmonics that stand out
+of the residuals are added to it. Rows are means of a few samples, which loses no information under white noise.
 """
 
 from __future__ import annotations
@@ -23,18 +23,12 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.friction_study.least_squares import with_lags
 from elastid.record import FrictionRecord
 
-# Harmonics of one motor turn: always in the regression where passes cover a turn, and looked for in its residuals.
-RIPPLE_HARMONICS, MAX_HARMONIC = 2, 24
-# Power over the median of all harmonics, in parts of its mean, above which one is no noise (chance 6e-6 each).
-CLEAR_RIPPLE = 12.0
-# Rows over which residuals may be correlated.
-MAX_LAG = 200
-# Of the mean speed, below which a change of it is rounding.
-ROUNDING = 1e-9
-# Rows of all passes together, and of the shortest at least.
-MAX_ROWS, MIN_ROWS = 15_000, 40
+# Harmonics of a motor turn up to the second are always in the regression where passes cover a turn; further ones up to
+# this are searched for in its residuals.
+MAX_HARMONIC = 24
 
 
 @frozen_value
@@ -86,7 +80,7 @@ class PassRegression:
     def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(each.position) for each in passes]
-        step = max(1, min(sum(lengths) // MAX_ROWS, min(lengths) // MIN_ROWS))
+        step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
         order = list(pairs)
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
@@ -106,8 +100,10 @@ class PassRegression:
             waves.append(_means(np.cumprod(np.tile(wave[:, None], harmonics), axis=1), step))
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
-        found = cls(np.vstack(rows), np.concatenate(torques), np.concatenate(numbers), np.vstack(waves), tuple(names))
-        return found._with_ripple() if has_ripple else found
+        regression = cls(
+            np.vstack(rows), np.concatenate(torques), np.concatenate(numbers), np.vstack(waves), tuple(names)
+        )
+        return regression._with_ripple() if has_ripple else regression
 
     def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
@@ -135,19 +131,20 @@ class PassRegression:
         meat = np.zeros((B.shape[1], B.shape[1]))
         for own in self._passes:
             used = np.flatnonzero(np.any(B[own], axis=0))
-            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance)
+            X = B[own][:, used]
+            meat[np.ix_(used, used)] += with_lags(autocovariance[0] * X.T @ X, X, autocovariance)
         return meat
 
     def _with_ripple(self) -> PassRegression:
         """With the first harmonics, and the further ones that stand out of the residuals."""
-        first = self._with_harmonics(np.arange(1, RIPPLE_HARMONICS + 1))
-        harmonics = np.arange(RIPPLE_HARMONICS + 1, MAX_HARMONIC + 1)
+        first = self._with_harmonics(np.arange(1, 3))
+        harmonics = np.arange(3, MAX_HARMONIC + 1)
         Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
         left = first.y - Q @ (Q.T @ first.y)
         waves = self.waves[:, harmonics - 1]
         power = np.abs(left @ waves) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=0), 1e-300)
-        # Of noise the power is exponential, its median ln 2 of its mean.
-        return first._with_harmonics(harmonics[power > CLEAR_RIPPLE / np.log(2) * np.median(power)])
+        # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
+        return first._with_harmonics(harmonics[power > 12.0 / np.log(2) * np.median(power)])
 
     def _with_harmonics(self, harmonics: IntArray) -> PassRegression:
         columns = [column for h in harmonics for column in (self.waves[:, h - 1].real, self.waves[:, h - 1].imag)]
@@ -162,15 +159,15 @@ class PassRegression:
 
     def _autocovariance(self, left: FloatArray) -> FloatArray:
         """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
-        found = [float(left @ left / len(left))]
-        for lag in range(1, MAX_LAG + 1):
+        values = [float(left @ left / len(left))]
+        for lag in range(1, 201):
             long = [own for own in self._passes if own.stop - own.start > lag]
             count = sum(own.stop - own.start - lag for own in long)
             total = sum(float(left[own][lag:] @ left[own][:-lag]) for own in long)
-            if not count or total / count < 2 * found[0] / np.sqrt(count):
+            if not count or total / count < 2 * values[0] / np.sqrt(count):
                 break
-            found.append(total / count)
-        return np.array(found)
+            values.append(total / count)
+        return np.array(values)
 
 
 def gravity_names(load: str) -> tuple[str, str]:
@@ -184,25 +181,16 @@ def ripple_names(harmonic: int) -> tuple[str, str]:
 
 
 def _means(x: FloatArray, step: int) -> FloatArray:
-    """Means of every `step` rows of x (n,) or (n, m); what is left at the end is dropped."""
+    """Means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
     n = len(x) // step
     return np.asarray(x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1))
 
 
 def _about_mean(speed: FloatArray) -> FloatArray:
-    """|q'| - v_k of a pass; a commanded speed that never changes leaves rounding, which is no slope."""
+    """|q'| - v_k of a pass; a constant commanded speed leaves rounding alone, which is no slope."""
     about = speed - speed.mean()
-    about[np.abs(about) < ROUNDING * speed.mean()] = 0.0
+    about[np.abs(about) < 1e-9 * speed.mean()] = 0.0
     return np.asarray(about)
-
-
-def _long_run(B: FloatArray, autocovariance: FloatArray) -> FloatArray:
-    """B^T Gamma B (n_x, n_x) of one pass, Gamma the Toeplitz matrix of the autocovariance."""
-    total = autocovariance[0] * B.T @ B
-    for lag in range(1, min(len(autocovariance), len(B))):
-        product = B[lag:].T @ B[:-lag]
-        total = total + autocovariance[lag] * (product + product.T)
-    return np.asarray(total)
 
 
 # Position is smoothed above, before it is differentiated: speeds and ripple of a pass are slower.
@@ -216,28 +204,18 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     position = record.position + record.torque_delay_s * velocity
     return tuple(
         Pass(
-            f"joint {record.joint}",
-            record.name,
-            record.rate_hz,
-            position[part],
-            velocity[part],
-            acceleration[part],
-            record.torque[part],
-            record.load_torque,
-            _mean_temperature(record, part),
-            record.slides,
-            record.load,
+            f"joint {record.joint}", record.name, record.rate_hz, position[part], velocity[part], acceleration[part],
+            record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
         )
         for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
-    )
+    )  # fmt: skip
 
 
 def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
     """Velocity, as measured where it was, and acceleration (n,)."""
     smooth = butter(2, min(SMOOTHED_HZ, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    if record.velocity is not None:
-        velocity = record.velocity
-    else:
+    velocity = record.velocity
+    if velocity is None:
         velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
     return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 

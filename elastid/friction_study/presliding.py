@@ -3,7 +3,7 @@ r"""Presliding friction by Maxwell slip elements: a convex problem where their t
 .. math:: s_j(k) = \mathrm{clip}(s_j(k-1) + \Delta q(k), -D_j, D_j), \qquad
           \tau_f(k) = \sum_j k_j s_j(k), \quad k_j \ge 0
 
-Non-negative least squares with many thresholds, spaced logarithmically over what the joint moved, is the spectrum
+Non-negative least squares with many thresholds, spaced logarithmically over the travel of the joint, is the spectrum
 k_j(D_j); then few elements with thresholds of their own, found from the spectrum's equal shares of torque by variable
 projection, as few as predict other parts of the log as well (Rizos and Fassois, Chaos 14, 2004; Lawson and Hanson,
 Solving Least Squares Problems, 1974).
@@ -25,29 +25,19 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import minimise
+from elastid.friction_study.pass_checks import PASSES
 from elastid.robot.friction import MaxwellSlip
 
-# Thresholds of the spectrum.
-SPECTRUM_ELEMENTS = 40
 # Few elements are tried up to this number.
 MAX_ELEMENTS = 8
-# The angle is smoothed above one of so many times the frequency of the motion.
-SMOOTHING_BANDS = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
-SMOOTHING_ORDER = 4
-# Parts of the log for cross-validation.
-FOLDS = 5
-# Counts of the encoder below which a loop shows nothing of friction.
-MIN_COUNTS = 3.0
-# How fast an element that slips reaches its level, relative to the largest stiffness times a threshold: at once.
-ATTRACTION_RATE = 100.0
 
 
 @frozen_value
 class Loops:
     """A quasi-static log of one place that never leaves presliding for long: position (n,), torque (n,), SI, one side.
 
-    resolution: of the position sensor.  frequency_hz: of the motion.  The first half loop only tells the elements where
-    they start, so `settled` is the sample from which on the torque counts.
+    resolution: of the position sensor.  frequency_hz: of the motion.  The first half loop only gives the elements their
+    start, so `settled` is the sample from which on the torque counts.
     """
 
     place: str
@@ -83,9 +73,8 @@ class Elements:
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
         shares = k * D / float(k @ D)
-        return MaxwellSlip(
-            tuple(k.tolist()), tuple(shares.tolist()), ATTRACTION_RATE * float(k @ D), switching="events"
-        )
+        # A hundred times the torque: an element that slips reaches its level at once.
+        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D), switching="events")
 
 
 @dataclass(frozen=True)
@@ -108,33 +97,33 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     Raises DataError for loops of a few encoder counts, and for a log without them.
     """
     reach = np.ptp(loops.position[loops.settled :]) / 2
-    if not reach > max(MIN_COUNTS * loops.resolution, 0.0):
+    if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
         raise DataError(
             f"loops of {loops.place}: the joint moved by {2 * reach:.3g} rad, "
             f"{2 * reach / max(loops.resolution, 1e-300):.2g} counts of its encoder; presliding takes more than "
-            f"{2 * MIN_COUNTS:.0f}: raise the torque of the loops, or use a finer encoder"
+            f"{2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a finer encoder"
         )
     finest = max(1e-3 * reach, loops.resolution)
-    thresholds = np.geomspace(finest, 2 * reach, SPECTRUM_ELEMENTS)
+    thresholds = np.geomspace(finest, 2 * reach, 40)
     used = np.arange(len(loops.position)) >= loops.settled
     candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
     q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
-    folds = _folds(used)
+    folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
     spectrum_error = np.sqrt(np.mean([_missed(q, loops.torque, thresholds, used, fold) for fold in folds]))
     counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
-    found = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
-    missed = {n: [_missed(q, loops.torque, one.threshold, used, fold) for fold in folds] for n, one in found.items()}
-    errors = np.sqrt([np.mean(missed[n]) for n in counts])
-    chosen = elements or _fewest([missed[n] for n in counts])
-    return Presliding(spectrum, found[chosen], errors, float(spectrum_error), q)
+    fits = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
+    missed = [[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits.values()]
+    errors = np.sqrt([np.mean(each) for each in missed])
+    chosen = elements or _fewest(missed)
+    return Presliding(spectrum, fits[chosen], errors, float(spectrum_error), q)
 
 
 def _smoothed(loops: Loops) -> Iterator[FloatArray]:
     """The position as it is, and without its noise in each band, where the sensor is not exact."""
     yield loops.position
-    for band in SMOOTHING_BANDS if loops.resolution > 0 else ():
+    for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
         if (hz := band * loops.frequency_hz) < 0.45 * loops.rate_hz:
-            filter_ = butter(SMOOTHING_ORDER, hz, fs=loops.rate_hz, output="sos")
+            filter_ = butter(4, hz, fs=loops.rate_hz, output="sos")
             yield np.asarray(sosfiltfilt(filter_, loops.position))
 
 
@@ -148,8 +137,8 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
     """Stiffnesses of given thresholds, none negative, and an offset of either sign."""
     A = operators(q, thresholds)[used]
     scale = np.linalg.norm(A, axis=0)
-    one = np.ones((len(A), 1))
-    x, _ = nnls(np.hstack([A / scale, one, -one]), u[used])
+    constant = np.ones((len(A), 1))
+    x, _ = nnls(np.hstack([A / scale, constant, -constant]), u[used])
     k, offset = x[:-2] / scale, float(x[-2] - x[-1])
     left = u[used] - A @ k - offset
     return Elements(k, thresholds, offset, float(np.sqrt(np.mean(left**2)) / max(float(k @ thresholds), 1e-300)))
@@ -160,36 +149,21 @@ def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: Boo
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
     shares = (np.arange(count) + 0.5) / count * torque[-1]
     start = np.log(np.interp(shares, torque, spectrum.threshold))
-    start = start + 1e-3 * np.arange(count)  # no two alike
+    start = start + 1e-3 * np.arange(count)  # no two the same
     low, high = np.log(spectrum.threshold[0] / 2), np.log(spectrum.threshold[-1])
-    # Steps of the thresholds are coarse: operators are piecewise linear in them.
     within = np.clip(start, low + 1e-6, high - 1e-6)
-    (end,) = minimise(
-        lambda x: _residual(q, u, np.exp(x), used), [within], bounds=(low, high), diff_step=1e-3, max_nfev=25
-    )
+
+    def residual(x: FloatArray) -> FloatArray:
+        return (u - _fit(q, u, np.exp(x), used).torque(q))[used]
+
+    # Steps of the thresholds are coarse: operators are piecewise linear in them.
+    (end,) = minimise(residual, [within], bounds=(low, high), diff_step=1e-3, max_nfev=25)
     return _fit(q, u, np.sort(np.exp(end.x)), used)
 
 
-def _residual(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) -> FloatArray:
-    found = _fit(q, u, thresholds, used)
-    return (u - found.torque(q))[used]
-
-
 def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray, fold: BoolArray) -> float:
-    """Mean square of what elements fitted to the rest leave of a part of the log."""
-    found = _fit(q, u, thresholds, used & ~fold)
-    return float(np.mean((u - found.torque(q))[fold] ** 2))
-
-
-def _folds(used: BoolArray) -> list[BoolArray]:
-    """The parts of the log that count, one after the other."""
-    places = np.array_split(np.flatnonzero(used), FOLDS)
-    masks = []
-    for part in places:
-        mask = np.zeros_like(used)
-        mask[part] = True
-        masks.append(mask)
-    return masks
+    """Mean square of the residual in a part of the log, of elements fitted to the rest."""
+    return float(np.mean((u - _fit(q, u, thresholds, used & ~fold).torque(q))[fold] ** 2))
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:

@@ -1,6 +1,6 @@
-"""FrictionResult: all that a friction study has found, joint by joint.
+"""FrictionResult: the results of a friction study, joint by joint.
 
-The table of a joint: every number that was identified, with its name, interval and the data that tell it.
+The table of a joint: every number that was identified, with its name, interval and the data that identify it.
 
 The friction of a simulated robot, at the conditions at which the identified numbers stand.
 """
@@ -30,7 +30,7 @@ from elastid.record import FrictionRecord
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
-# partly: stiction of some joint cannot be told, or nothing of it.  failed: no friction of any joint.
+# partly: stiction of some joint cannot be identified, or none of its numbers.  failed: no friction of any joint.
 Status: TypeAlias = Literal["identified", "partly", "failed"]
 
 
@@ -38,7 +38,7 @@ Status: TypeAlias = Literal["identified", "partly", "failed"]
 class FrictionNumber:
     """A row of the table: one identified number of a joint, link side, with its 95 % interval, SI.
 
-    name: Fc_m1, unique in a study.  symbol: F_c.  meaning: Coulomb friction.  learnt_from: the data that tell it.
+    name: Fc_m1, unique in a study.  symbol: F_c.  meaning: Coulomb friction.  learnt_from: the data that identify it.
     truth: of a simulated robot.
     """
 
@@ -71,7 +71,7 @@ class JointLevels:
 
 @dataclass(frozen=True)
 class JointFriction:
-    """Friction of one joint, link side; None where it was not measured or cannot be told.
+    """Friction of one joint, link side; None where it was not measured or cannot be identified.
 
     loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
     friction, viscous: the law as a whole, with the ranges in which it was measured.
@@ -98,9 +98,9 @@ class JointFriction:
 
     @property
     def missing(self) -> tuple[Held, ...]:
-        """Parts of a law of friction that these data cannot tell: stiction, or friction at all."""
+        """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.friction is None:
-            return (Held("friction", "the data tell no law that a contact can have"),)
+            return (Held("friction", "the data identify no law that is physically possible"),)
         return tuple(
             held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
         )
@@ -122,13 +122,13 @@ class FrictionResult:
         """How it ended, and the table of numbers."""
         rows = []
         for each in self.numbers:
-            kept = digits(each.value, each.std)
-            value, ends = number(each.value, kept), " to ".join(interval_of((each.low, each.high), kept))
+            shown = digits(each.value, each.std)
+            value, ends = number(each.value, shown), " to ".join(interval_of((each.low, each.high), shown))
             rows.append((each.name, each.meaning, f"{value} {each.unit}", ends))
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
     def at(self, joint: str) -> JointFriction:
-        """The friction of a joint; UnknownNameError names those there are."""
+        """The friction of a joint; UnknownNameError names the known ones."""
         return self.joints[index_of(joint, [each.joint for each in self.joints], "friction of joint")]
 
     @property
@@ -169,19 +169,19 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
     yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
 
 
-def numbers_at_rest(joint: str, found: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
+def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    learnt, std = f"responses at rest, {len(found.points)} amplitudes", np.sqrt(np.diag(found.covariance)).tolist()
-    for key, value, error in zip(("stiffness", "damping"), (found.sigma_0, found.sigma_1), std, strict=True):
+    learnt, std = f"responses at rest, {len(rest.points)} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
+    for key, value, error in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), std, strict=True):
         term = TERMS[f"lugre.{key}"]
         row = (value, error, *_ends(value, error))
         yield _number(joint, term, term.unit_at(slides), row, learnt, truth)
 
 
-def numbers_of_bristles(joint: str, found: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
+def numbers_of_bristles(joint: str, fit: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """The same by multiple shooting."""
     for key, name in (("stiffness", "sigma_0"), ("damping", "sigma_1")):
-        value, ends, term = found.values[name], found.interval(name), TERMS[f"lugre.{key}"]
+        value, ends, term = fit.values[name], fit.interval(name), TERMS[f"lugre.{key}"]
         row = (value, value * math.log(ends[1] / value) / QUANTILE_95, *ends)
         yield _number(joint, term, term.unit_at(slides), row, "loops, by multiple shooting", truth)
 
@@ -191,19 +191,13 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
     n, read = len(model.time_constants), int(np.isfinite(warm_up.readings).sum())
     minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
     learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
+    std_of_h, *log_stds = model.log_std.tolist()
     rows = [
-        (
-            f"Tc{i + 1 if n > 1 else ''}_m{joint}",
-            "C / h",
-            "time constant of warming",
-            "s",
-            T,
-            float(model.log_std[1 + i]),
-        )
+        (f"Tc{i + 1 if n > 1 else ''}_m{joint}", "C / h", "time constant of warming", "s", T, log_stds[i])
         for i, T in enumerate(model.time_constants.tolist())
     ]
     if model.scale == "kelvin":
-        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, float(model.log_std[0])))
+        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, std_of_h))
     for name, symbol, meaning, unit, value, log_std in rows:
         std = value * log_std
         reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
@@ -264,16 +258,16 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 def _at_temperature(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
     """Numbers that change with temperature, at that of the levels: F_s + a dT, nu_s + b dT, f + f_T (e^-dT/T_V - 1)."""
-    warm, known = law.temperature, np.isfinite(static.levels.temperature)
-    if warm is None or not known.any():
+    warm, known = law.temperature, static.levels.known_temperatures
+    if warm is None or not len(known):
         return {}
-    rise = float(np.mean(static.levels.temperature[known])) - warm.reference
+    rise = float(np.mean(known)) - warm.reference
     fading = math.exp(-rise / warm.decay)
-    found = {"viscous": paths["viscous"] + warm.viscous * (fading - 1), "temperature.viscous": warm.viscous * fading}
+    at_mean = {"viscous": paths["viscous"] + warm.viscous * (fading - 1), "temperature.viscous": warm.viscous * fading}
     for name, slope in (("stiction", warm.stiction), ("stribeck_velocity", warm.stribeck_velocity)):
         if name in paths:
-            found[name] = paths[name] + slope * rise
-    return found
+            at_mean[name] = paths[name] + slope * rise
+    return at_mean
 
 
 def _under_load(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:

@@ -1,10 +1,11 @@
-r"""Friction of several axes from a motion in which they move together, beside the rigid body that they carry.
+r"""Friction of several axes from a motion in which they move together, jointly with the rigid body that they carry.
 
 .. math:: u = Y(q, \dot q, \ddot q)\, \pi + J_m \ddot q + o + f \dot q + F_c\, \mathrm{sgn}\, \dot q
 
 Y is the regressor of the robot's geometry; masses, inertias, rotors and offsets pi are taken out without having to be
-known (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12). What the rigid body lacks
-(springs, counterbalances, couplings of gears) stays in the residuals: friction is known only as well as they are small.
+known (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12). Torques that the rigid
+body lacks (springs, counterbalances, couplings of gears) stay in the residuals: friction is known only as well as they
+are small.
 """
 
 from __future__ import annotations
@@ -26,13 +27,9 @@ from elastid.friction_study.motion import Motion, MotionFriction, MotionSignals,
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
-# Below the first resonance of a robot, so that it is rigid, and above what its motions contain.
+# Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
-# Instants that tell which columns of the rigid body are independent.
-N_INSTANTS = 500
-# Of the torque of friction: residuals above it dominate the error of its numbers.
-LARGE_RESIDUAL_SHARE = 0.1
-GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be told from offset and gravity"
+GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
 @dataclass(frozen=True)
@@ -98,12 +95,12 @@ def torques_in_file(robot: Robot, log: RobotLog, passband_hz: float = ROBOT_PASS
 def _rigid_columns(
     robot: Robot, logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]]
 ) -> list[FloatArray]:
-    """All that is no friction, at full rate (n, m, n_r) of each log: rigid body, rotors, offsets."""
+    """All columns but those of friction, at full rate (n, m, n_r) of each log: rigid body, rotors, offsets."""
     names = [joint.name for joint in robot.joints]
     rows = [names.index(joint) for joint in signals[0]]
     Y = regressor(robot)
     states = [_states(names, log, each) for log, each in zip(logs, signals, strict=True)]
-    few = [state[:, :, :: max(1, state.shape[2] // N_INSTANTS)] for state in states]
+    few = [state[:, :, :: max(1, state.shape[2] // 500)] for state in states]  # instants for the rank alone
     sample = np.concatenate([_values(Y, state)[:, rows].reshape(-1, Y.size2_out(0)) for state in few])
     chosen = _independent(sample)
     q, v, a = (ca.SX.sym(name, len(names)) for name in "qva")
@@ -160,28 +157,32 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     return Equations(first.filtered(X), first.filtered(rigid), first.filtered(torque))
 
 
-def _of_joint(logs: Sequence[tuple[Motion, MotionSignals]], i: int, alike: Solution, apart: Solution) -> MotionFriction:
+def _of_joint(
+    logs: Sequence[tuple[Motion, MotionSignals]], i: int, alike_fit: Solution, apart_fit: Solution
+) -> MotionFriction:
     """The i-th joint's numbers; logs: its motions without the rigid body, and their signals."""
     motion, signals = logs[0][0], [each for _, each in logs]
-    one = alike.of_joint(i, range(2 * i, 2 * i + 2), ("viscous", "coulomb"))
-    two = apart.of_joint(i, range(3 * i, 3 * i + 3), ("viscous", "coulomb", "directions.viscous"))
-    refuse_driving(motion.place, one)
-    chance = float(2 * ndtr(-abs(two["directions.viscous"]) / max(two.std("directions.viscous"), 1e-300)))
+    shared = alike_fit.of_joint(i, range(2 * i, 2 * i + 2), ("viscous", "coulomb"))
+    directed = apart_fit.of_joint(i, range(3 * i, 3 * i + 3), ("viscous", "coulomb", "directions.viscous"))
+    refuse_driving(motion.place, shared)
+    chance = float(2 * ndtr(-abs(directed["directions.viscous"]) / max(directed.std("directions.viscous"), 1e-300)))
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
-    notes = (_rigid_body_note(motion.place, signals, one),)
-    return MotionFriction(motion, one, two, chance < FALSE_ALARM, chance, plateaus, held, signals[0].passband_hz, notes)
+    notes = (_rigid_body_note(motion.place, signals, shared),)
+    return MotionFriction(
+        motion, shared, directed, chance < FALSE_ALARM, chance, plateaus, held, signals[0].passband_hz, notes
+    )
 
 
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:
-    """How much of the torque the rigid body and friction leave, and what that does to the numbers."""
+    """The share of the torque that rigid body and friction leave, and its effect on the numbers."""
     v = np.concatenate([each.filtered(each.velocity) for each in signals])
     s = np.concatenate([each.filtered(np.sign(each.velocity)) for each in signals])
     friction = float(np.linalg.norm(fit["viscous"] * v + fit["coulomb"] * s))
     share = float(np.sqrt(fit.sum_of_squares)) / max(friction, 1e-300)
     independent = len(v) * (1 - fit.correlation) / (1 + fit.correlation)
-    dominates = share > LARGE_RESIDUAL_SHARE
-    said = (
+    dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
+    text = (
         f"{fit.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what friction "
         f"takes, correlated so that {len(v)} samples are {independent:.0f} independent ones"
     )
@@ -190,6 +191,6 @@ def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regressi
         "the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
     )
     return Note(
-        "rigid-body-error", said + (advice if dominates else ""), f"motion of {place}",
+        "rigid-body-error", text + (advice if dominates else ""), f"motion of {place}",
         "warning" if dominates else "information",
     )  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import OptionalName, check_different
@@ -10,8 +12,15 @@ from elastid.base.units import Frequency, JointPosition, JointTorque, JointVeloc
 
 Part: TypeAlias = Literal["auto", "yes", "no"]
 
-# Passes that the five numbers of a Stribeck curve need at least.
-MIN_PASSES = 5
+
+def _refuse_repeated(key: str, names: Sequence[str]) -> None:
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"{key}: {repeated[0]} is given twice; leave one out")
+
+
+def _check_rising(key: str, ends: tuple[float, float], expected: str, least: float = 0.0) -> None:
+    if not least < ends[0] < ends[1]:
+        raise ValueError(f"{key} is [{ends[0]:g}, {ends[1]:g}]; give {expected}")
 
 
 @section
@@ -84,16 +93,12 @@ class PassesSpec:
 
     def __post_init__(self) -> None:
         """Refuse ranges upside down, and fewer passes than numbers."""
-        if self.speeds is not None and not 0 < self.speeds[0] < self.speeds[1]:
-            raise ValueError(
-                f"speeds is [{self.speeds[0]:g}, {self.speeds[1]:g}]; give [lowest, highest], both above 0"
-            )
-        if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"window is [{self.window[0]:g}, {self.window[1]:g}]; give [lower, upper]")
-        if self.count < MIN_PASSES:
-            raise ValueError(
-                f"count is {self.count}; the numbers of a Stribeck curve need at least {MIN_PASSES} passes"
-            )
+        if self.speeds is not None:
+            _check_rising("speeds", self.speeds, "[lowest, highest], both above 0")
+        if self.window is not None:
+            _check_rising("window", self.window, "[lower, upper]", least=-math.inf)
+        if self.count < 5:
+            raise ValueError(f"count is {self.count}; the numbers of a Stribeck curve need at least 5 passes")
         if self.repeat < 1:
             raise ValueError(f"repeat is {self.repeat}; it must be at least 1")
         if not self.reference_every > 0:
@@ -137,8 +142,7 @@ class PreslidingSpec:
 
     def __post_init__(self) -> None:
         """Refuse loops that do not grow."""
-        if not 0 < self.torque[0] < self.torque[1]:
-            raise ValueError(f"torque is [{self.torque[0]:g}, {self.torque[1]:g}]; give [smallest, largest], above 0")
+        _check_rising("torque", self.torque, "[smallest, largest], above 0")
         if self.loops < 3 or not self.frequency_hz > 0:
             raise ValueError(
                 f"loops is {self.loops} and frequency_hz {self.frequency_hz:g}; give at least 3 loops, and a frequency "
@@ -162,8 +166,7 @@ class AtRestSpec:
         """Refuse torques that break away, and an empty band."""
         if not self.torque or not all(0 < part < 1 for part in self.torque):
             raise ValueError("torque has parts of the Coulomb torque: above 0 and below 1, at least one of them")
-        if not 0 < self.band_hz[0] < self.band_hz[1]:
-            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest], above 0")
+        _check_rising("band_hz", self.band_hz, "[lowest, highest], above 0")
 
 
 @section
@@ -220,9 +223,7 @@ class FrictionSpec:
 
     def __post_init__(self) -> None:
         """Refuse names given twice."""
-        twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
-        if twice:
-            raise ValueError(f"joints: {twice[0]} is given twice; leave one out")
+        _refuse_repeated("joints", self.joints)
         if not all(load.name for load in self.loads):
             raise ValueError("loads: a load has an empty name; give it one, which logs name too")
         check_different("loads:", [load.name for load in self.loads])
@@ -235,7 +236,7 @@ class FrictionSpec:
         return self.passes if isinstance(self.passes, PassesSpec) else PassesSpec()
 
 
-# What may be followed: Coulomb friction, viscous friction, of each direction, and the slow error of the torque.
+# Numbers that a filter may follow: Coulomb friction, viscous friction, of each direction, and slow torque errors.
 Followed: TypeAlias = Literal["Fc", "f", "f+", "f-", "offset"]
 
 
@@ -268,9 +269,7 @@ class FilterSpec:
         """Refuse nothing to follow, a number followed twice, and times that run backwards."""
         if not self.states:
             raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
-        twice = sorted({name for name in self.states if self.states.count(name) > 1})
-        if twice:
-            raise ValueError(f"states: {twice[0]} is given twice; leave one out")
+        _refuse_repeated("states", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
         if not (self.drift > 0 and self.drift_time > 0) or min(self.correlation_time, self.settle) < 0:

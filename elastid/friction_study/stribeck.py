@@ -24,13 +24,8 @@ from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, mi
 from elastid.friction_study.levels import Levels
 from elastid.robot.friction import EXPONENT_RANGE
 
-# Starts: Stribeck velocities over the speeds, with these exponents and decays of temperature.
-START_SHARES = (0.15, 0.35, 0.6)
-START_EXPONENTS = (1.0, 2.0)
+# Decay of viscous friction over temperature from which a search starts.
 START_DECAY_K = 20.0
-# Of the lowest and of the highest speed, between which a Stribeck velocity is looked for.
-VELOCITY_MARGINS = (0.05, 3.0)
-DECAY_RANGE_K = (1.0, 500.0)
 
 
 @dataclass(frozen=True)
@@ -65,21 +60,21 @@ class CurveFit:
         """In the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
-    def torque(self, at: Conditions) -> FloatArray:
+    def torque(self, conditions: Conditions) -> FloatArray:
         """s tau_f (n,) at conditions."""
         linear = np.array([self.values[name] for name in self.terms.linear])
-        return np.asarray(columns(at, self.terms.linear, self.values, self.T_0) @ linear)
+        return np.asarray(columns(conditions, self.terms.linear, self.values, self.T_0) @ linear)
 
-    def torque_std(self, at: Conditions) -> FloatArray:
+    def torque_std(self, conditions: Conditions) -> FloatArray:
         """Its std (n,), to first order."""
-        J = derivative(at, self.terms, self.values, self.T_0)
+        J = derivative(conditions, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
 
 def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     """The law with these terms that is nearest to the levels, in units of their std, from many starts.
 
-    Raises FitError where there are fewer levels than numbers, or no start leads anywhere.
+    Raises FitError where there are fewer levels than numbers, or no search converges.
     """
     n_numbers = len(terms.linear) + len(terms.searched)
     if levels.n_levels <= n_numbers:
@@ -98,7 +93,7 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     dof = levels.n_levels - n_numbers
     hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)
     eta = search.eta(x)
-    linear = search.project(eta).linear
+    linear, _, _ = search.project(eta)
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
@@ -106,27 +101,21 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
 
 
 def excess(cost: float, dof: int) -> float:
-    """By what the variance of levels is larger than stated: 1 where chance explains their scatter about a law."""
+    """Factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
     return cost / dof if chi_square_tail(cost, dof) < FALSE_ALARM else 1.0
 
 
-def derivative(at: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
+def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
     """d s tau_f / d numbers (n, n_linear + n_searched)."""
     linear = {name: values[name] for name in terms.linear}
-    return np.hstack([columns(at, terms.linear, values, T_0), slopes(at, linear, terms.searched, values, T_0)])
+    searched = slopes(conditions, linear, terms.searched, values, T_0)
+    return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
 
 
 def reference_temperature(levels: Levels) -> float:
     """T_0: the mean of the temperatures, in degC; 0 where none is known."""
-    known = levels.temperature[np.isfinite(levels.temperature)]
+    known = levels.known_temperatures
     return float(known.mean()) if len(known) else 0.0
-
-
-@dataclass(frozen=True)
-class _Projected:
-    linear: FloatArray
-    residual: FloatArray
-    Q: FloatArray
 
 
 @dataclass(frozen=True)
@@ -139,13 +128,13 @@ class _Search:
 
     def eta(self, x: FloatArray) -> dict[str, float]:
         """The nonlinear numbers at x, held ones included."""
-        found = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
+        eta = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
         if "temperature.stribeck_velocity" in self.terms.searched:
-            cold, hot = found["stribeck_velocity"], found["temperature.stribeck_velocity"]
+            cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
             low, high = self._ends
-            found["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
-            found["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
-        return found
+            eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
+            eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
+        return eta
 
     def slopes_by_x(self, x: FloatArray) -> FloatArray:
         """d eta / d x (n_searched, n_searched)."""
@@ -158,8 +147,8 @@ class _Search:
             chain[j, i], chain[j, j] = -cold / (high - low), hot / (high - low)
         return chain
 
-    def project(self, eta: Mapping[str, float]) -> _Projected:
-        """The best linear numbers at eta, and what is left."""
+    def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The best linear numbers at eta, the residual, and orthonormal columns Q of the linear part."""
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
@@ -169,55 +158,53 @@ class _Search:
             linear = np.asarray(solve_triangular(R, share))
         else:
             linear = np.asarray(np.linalg.lstsq(R, share, rcond=None)[0])
-        return _Projected(linear, y - Q @ share, Q)
+        return linear, y - Q @ share, Q
 
     def ends(self) -> list[tuple[FloatArray, float]]:
         """The ends of the searches from all starts, with their costs."""
         starts = list(self.starts())
         if not self.terms.searched:
-            left = self.project(self.eta(starts[0])).residual
+            _, left, _ = self.project(self.eta(starts[0]))
             return [(starts[0], float(left @ left))]
-        found = minimise(
-            self._residual, starts, jac=self._jacobian, bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10
-        )
-        return [(end.x, end.cost) for end in found]
+        optima = minimise(
+            lambda x: self.project(self.eta(x))[1], starts,
+            jac=self._jacobian, bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
+        )  # fmt: skip
+        return [(end.x, end.cost) for end in optima]
 
     def starts(self) -> Iterator[FloatArray]:
         """Stribeck velocities over the speeds, exponents, one decay."""
         speeds = np.log(self.levels.speed)
-        velocities = speeds.min() + np.array(START_SHARES) * np.ptp(speeds)
+        velocities = speeds.min() + np.array((0.15, 0.35, 0.6)) * np.ptp(speeds)
         choices: dict[str, tuple[float, ...]] = {
             "stribeck_velocity": tuple(velocities),
-            "exponent": tuple(np.log(START_EXPONENTS)),
+            "exponent": tuple(np.log((1.0, 2.0))),
             "load.stribeck_velocity": tuple(velocities[1:]),
             "temperature.decay": (float(np.log(START_DECAY_K)),),
         }
         names = [name for name in self.terms.searched if name != "temperature.stribeck_velocity"]
         for values in product(*(choices[name] for name in names)):
-            at = dict(zip(names, values, strict=True))
-            at["temperature.stribeck_velocity"] = at.get("stribeck_velocity", 0.0)
-            yield np.array([at[name] for name in self.terms.searched])
-
-    def _residual(self, x: FloatArray) -> FloatArray:
-        return self.project(self.eta(x)).residual
+            start = dict(zip(names, values, strict=True))
+            start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
+            yield np.array([start[name] for name in self.terms.searched])
 
     def _jacobian(self, x: FloatArray) -> FloatArray:
         eta = self.eta(x)
-        there = self.project(eta)
-        linear = dict(zip(self.terms.linear, there.linear.tolist(), strict=True))
+        values, _, Q = self.project(eta)
+        linear = dict(zip(self.terms.linear, values.tolist(), strict=True))
         moved = slopes(self.levels.conditions, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
         J = moved @ self.slopes_by_x(x)
-        return np.asarray(there.Q @ (there.Q.T @ J) - J)
+        return np.asarray(Q @ (Q.T @ J) - J)
 
     @property
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        slow, fast = VELOCITY_MARGINS[0] * self.levels.speed.min(), VELOCITY_MARGINS[1] * self.levels.speed.max()
-        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
+        slow, fast = 0.05 * self.levels.speed.min(), 3.0 * self.levels.speed.max()
+        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": (1.0, 500.0)}
         ends = [ranges.get(name, (slow, fast)) for name in self.terms.searched]
         low, high = np.log(np.array(ends)).T
         return low, high
 
     @property
     def _ends(self) -> tuple[float, float]:
-        known = self.levels.temperature[np.isfinite(self.levels.temperature)] - self.T_0
+        known = self.levels.known_temperatures - self.T_0
         return float(known.min()), float(known.max())

@@ -3,7 +3,7 @@ r"""The temperature of a joint from the power that friction and motor turn into 
 .. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
           T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
 
-exact over a step of constant power. A gear that warms beside its motor is a second node, P shared between them:
+exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
 
 .. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad w_1 + w_2 = 1
 
@@ -33,10 +33,6 @@ from elastid.record import FrictionRecord, WarmUpLog
 # Level(speed (m,), temperature (m,)) of a law, Nm.
 LevelOf = Callable[[FloatArray, FloatArray], FloatArray]
 Scale = Literal["kelvin", "relative"]
-# Time constants are looked for between these parts of the time that was measured.
-SHORTEST, LONGEST = 1 / 200, 5.0
-# Std of a thermometer that is said to have none, K.
-MIN_READING_STD = 0.05
 
 
 @frozen_value
@@ -140,10 +136,10 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
             "warm-up: the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
         )
     fit = _fit_kelvin if has_readings or level_of is not None else _fit_relative
-    one, two = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
-    if two.dof < 1:
-        return one
-    return two if chance_of_terms(one.cost, two.cost, 2, two.dof) < FALSE_ALARM else one
+    single, double = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
+    if double.dof < 1:
+        return single
+    return double if chance_of_terms(single.cost, double.cost, 2, double.dof) < FALSE_ALARM else single
 
 
 def _fit_kelvin(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> ThermalModel:
@@ -152,7 +148,8 @@ def _fit_kelvin(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> Therma
     def residual(x: FloatArray) -> FloatArray:
         constants, shares = _nodes(x, nodes)
         T = _kelvin(warm_up, constants, shares, float(np.exp(x[0])))
-        parts = [(warm_up.readings - T)[read] / max(warm_up.reading_std, MIN_READING_STD)] if read.any() else []
+        # A thermometer is never better than 0.05 K.
+        parts = [(warm_up.readings - T)[read] / max(warm_up.reading_std, 0.05)] if read.any() else []
         if level_of is not None:
             parts.append((warm_up.level - level_of(warm_up.test_speed, T[warm_up.tests])) / warm_up.level_std)
         return np.concatenate(parts)
@@ -172,8 +169,8 @@ def _fit_relative(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> Ther
 
     def columns(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         heat = _heat(warm_up, *_nodes(x, nodes))[warm_up.tests] / warm_up.power.max()
-        one = np.eye(len(speeds))[place]
-        A = np.hstack([one * heat[:, None] ** power for power in range(3)]) / warm_up.level_std[:, None]
+        by_speed = np.eye(len(speeds))[place]
+        A = np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / warm_up.level_std[:, None]
         return A, np.asarray(np.linalg.lstsq(A, warm_up.level / warm_up.level_std, rcond=None)[0])
 
     def residual(x: FloatArray) -> FloatArray:
@@ -193,7 +190,7 @@ def _fit_relative(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> Ther
 def _search(warm_up: WarmUp, residual: Callable[[FloatArray], FloatArray], nodes: int, log_h: float | None) -> Optimum:
     """x = (ln h, ln T_1[, ln T_2, logit w_1]), the best of three starts."""
     span = float(warm_up.time_s[-1] - warm_up.time_s[0])
-    low, high = np.log(SHORTEST * span), np.log(LONGEST * span)
+    low, high = np.log(1 / 200 * span), np.log(5.0 * span)  # of time constants
     lead = 0.0 if log_h is None else log_h
     second = [(low, high), (-4.0, 4.0)] if nodes == 2 else []
     bounds = np.array([(lead - 10, lead + 10), (low, high), *second]).T
@@ -220,9 +217,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
     steps = np.diff(warm_up.time_s)
     total = np.zeros(len(warm_up.time_s))
     for T_i, w in zip(constants, shares, strict=True):
-        decay = np.exp(-steps / T_i)
-        theta = 0.0
-        path = [theta]
+        decay, theta, path = np.exp(-steps / T_i), 0.0, [0.0]
         for fade, power in zip(decay.tolist(), warm_up.power.tolist(), strict=True):
             theta = theta * fade + power * (1 - fade)
             path.append(theta)
@@ -231,7 +226,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
 
 
 def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float) -> FloatArray:
-    """T (n + 1,) in degC; what the joint is warmer than its ambient at the start fades with the same constants."""
+    """T (n + 1,) in degC; the excess over ambient at the start fades with the same constants."""
     elapsed = warm_up.time_s - warm_up.time_s[0]
     fading = np.sum([w * np.exp(-elapsed / T_i) for T_i, w in zip(constants, shares, strict=True)], axis=0)
     above = warm_up.start_degc - warm_up.ambient_degc
@@ -241,22 +236,22 @@ def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """The log with the level of each test pass, half the difference of the means of its directions.
 
-    Means are over the angles that both directions cover, so that gravity is alike in both.
+    Means are over the angles that both directions cover, so that gravity is the same in both.
     """
     pairs = [_common(sorted(passes_of(record), key=lambda each: -each.direction)) for record in tests]
-    speeds = [(there.velocity.mean() - back.velocity.mean()) / 2 for there, back in pairs]
-    levels = [(there.torque.mean() - back.torque.mean()) / 2 for there, back in pairs]
+    speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
+    levels = [(forth.torque.mean() - back.torque.mean()) / 2 for forth, back in pairs]
     stds = [np.hypot(*(np.std(each.torque) / np.sqrt(len(each.torque)) for each in pair)) / 2 for pair in pairs]
-    at = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
+    samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(at, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
+        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
         np.array([record.load_torque for record in tests]),
     )  # fmt: skip
 
 
 def _common(pair: Sequence[Pass]) -> list[Pass]:
-    """There and back where both have been."""
+    """There and back over the positions that both cover."""
     low = max(float(each.position.min()) for each in pair)
     high = min(float(each.position.max()) for each in pair)
     if high <= low:

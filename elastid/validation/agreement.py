@@ -26,13 +26,13 @@ from elastid.validation.residual_tests import (
     inside_expected,
     normality,
     power_over_noise,
-    sigma_of_noise,
+    sigma_of,
     white_by_chance,
     whitening,
     without_shifts,
 )
 from elastid.validation.results import (
-    MIN_PROMINENCE_DB,
+    PEAKS,
     Agreement,
     Peak,
     PeakKind,
@@ -57,7 +57,7 @@ def validate(
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
-    cost_p: P(as large a cost of the fit) by noise alone, which is judged beside the residuals; NaN where it is unknown.
+    cost_p: P(as large a cost of the fit) by noise alone, which is judged with the residuals; NaN where it is unknown.
     shifts: as `agreement`, of configurations that were not fitted.
     Raises StudyError where left_out names a configuration that was not measured, or all of them.
     """
@@ -75,10 +75,7 @@ def validate(
 
 
 def agreement(
-    measured: FrequencyResponse,
-    modelled: FrequencyResponse,
-    left_out: bool = False,
-    shifts: ComplexArray | None = None,
+    measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False, shifts: ComplexArray | None = None
 ) -> Agreement:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
@@ -88,7 +85,7 @@ def agreement(
     _check_pair(measured, modelled)
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
-    sigma, dof = sigma_of_noise(measured, noise)
+    sigma, dof = sigma_of(measured, noise)
     judged = above_2sigma(measured, sigma)
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
@@ -123,13 +120,13 @@ def _tests(
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
-    z, beside = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    z, of_shifts = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
     known = [] if shifts is None else [shifts]
     if measured.bias is not None:
         known.append(measured.bias.reshape(-1, *E.shape))
     if known:
-        z, beside = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
-    return *power_over_noise(z, whiten, noise, beside), white_by_chance(z)
+        z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
+    return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
 
 
 def _check_pair(measured: FrequencyResponse, modelled: FrequencyResponse) -> None:
@@ -158,15 +155,15 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
 def _peaks(measured: FrequencyResponse, modelled: FrequencyResponse, sigma: FloatArray) -> tuple[Peak, ...]:
     """Measured peaks and dips with their modelled partners; the model has no noise, so smaller bumps count there."""
     freq_hz = measured.freq_hz
-    found: list[Peak] = []
+    peaks: list[Peak] = []
     for i, output in enumerate(measured.outputs):
         for j, source in enumerate(measured.inputs):
             for kind, finder in _FINDERS.items():
                 f = finder(freq_hz, measured.G[:, i, j], sigma[:, i, j])
-                of_model = finder(freq_hz, modelled.G[:, i, j], prominence_db=MIN_PROMINENCE_DB / 3)
+                of_model = finder(freq_hz, modelled.G[:, i, j], prominence_db=PEAKS.min_prominence_db / 3)
                 partner = paired_resonances(f, of_model)
-                found += [Peak(output, source, kind, *pair) for pair in zip(f.tolist(), partner.tolist(), strict=True)]
-    return tuple(found)
+                peaks += [Peak(output, source, kind, *pair) for pair in zip(f.tolist(), partner.tolist(), strict=True)]
+    return tuple(peaks)
 
 
 def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
@@ -217,10 +214,10 @@ def _noise_clause(agreements: Sequence[Agreement], cost_p: float) -> str:
 
 
 def _resonance_clause(agreements: Sequence[Agreement]) -> str:
-    found = [(peak, a.configuration) for a in agreements if (peak := a.worst("resonance")) is not None]
-    if not found:
+    worst = [(peak, a.configuration) for a in agreements if (peak := a.worst("resonance")) is not None]
+    if not worst:
         return ""
-    peak, configuration = max(found, key=lambda pair: abs(pair[0].error_percent))
+    peak, configuration = max(worst, key=lambda pair: abs(pair[0].error_percent))
     return (
         f"; the worst resonance is {abs(peak.error_percent):.2g} % off ({configuration}, {peak.input} to {peak.output})"
     )

@@ -12,7 +12,7 @@ Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It assum
 a model error violates: where the two disagree, trust the left-out configurations.
 
 Two models are distinguished where the mean over configurations of m_c - m_c(best) exceeds its standard error and
-MISFIT_TOLERANCE, the relative difference between two fits of one model.
+0.1 %, the relative difference between two fits of one model.
 """
 
 from __future__ import annotations
@@ -37,9 +37,6 @@ from elastid.robot import Robot
 from elastid.validation.agreement import agreement
 from elastid.validation.comparison import ComparedModel, Comparison, LeftOut, Refit
 
-# Relative difference of the misfits of two fits of one model.
-MISFIT_TOLERANCE = 1e-3
-
 
 @dataclass(frozen=True)
 class ComparedVariant:
@@ -61,13 +58,14 @@ class RefitTask:
 
 def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     """Fit a variant without some configurations and compare its prediction with them."""
-    kept, out = _divided(responses, task.left_out)
+    fitted = [response for response in responses if response.configuration.name not in task.left_out]
+    out = [response for response in responses if response.configuration.name in task.left_out]
     variant = task.variant
     weights = variant.fit.weights
-    factors = _factors(weights.factors, [r.configuration.name for r in kept])
+    factors = _factors(weights.factors, [r.configuration.name for r in fitted])
     spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
-        result = fit_parameters(kept, variant.robot, spec, model=variant.model)
+        result = fit_parameters(fitted, variant.robot, spec, model=variant.model)
         modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
@@ -80,14 +78,15 @@ def rank(
     configurations: Sequence[str], variants: Sequence[ComparedVariant], refits: Sequence[Sequence[Refit]]
 ) -> Comparison:
     """The comparison; refits of each variant: to all configurations, then without each part of them."""
-    full = [of[0] for of in refits]
+    full = [by_part[0] for by_part in refits]
     fitted = [f for f in full if f.status != "failed"]
     best_fit = min(fitted, key=lambda f: f.cost, default=None)
     scale = 1.0 if best_fit is None else max(best_fit.cost / max(best_fit.dof, 1), 1e-300)
     aic = np.array([f.cost / scale + 2 * f.n_free if f.status != "failed" else math.inf for f in full])
     aic = aic - (aic.min() if np.isfinite(aic).any() else 0.0)
     rows = [
-        _compared(each.name, of, float(a), configurations) for each, of, a in zip(variants, refits, aic, strict=True)
+        _compared(variant.name, by_part, float(criterion), configurations)
+        for variant, by_part, criterion in zip(variants, refits, aic, strict=True)
     ]
     rows.sort(key=lambda row: (row.mean_misfit, row.criterion))
     return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
@@ -98,19 +97,21 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     StudyError where none is left: an empty list would mean every stiffness.
     """
-    there, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
+    variant_names, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
 
     def is_gone(key: str) -> bool:
         key = key.partition(SEPARATOR)[0]
-        return bool(matching(key, known)) and (key not in there if key in known else not matching(key, there))
+        return bool(matching(key, known)) and (
+            key not in variant_names if key in known else not matching(key, variant_names)
+        )
 
-    kept = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
-    if spec.parameters and not kept:
+    left = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
+    if spec.parameters and not left:
         raise StudyError(
             f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
             "stiffnesses of the gears"
         )
-    return replace(spec, parameters=kept)
+    return replace(spec, parameters=left)
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
@@ -123,19 +124,12 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     }
     patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
     left = free - still.keys()
-    kept = {
+    remaining = {
         key: each
         for key, each in patterns.items()
         if not is_group_key(key) or any(is_match(name, key.partition(SEPARATOR)[0]) for name in left)
     }
-    return replace(spec, parameters={**kept, **still})
-
-
-def _divided(
-    responses: Sequence[FrequencyResponse], left_out: Sequence[str]
-) -> tuple[list[FrequencyResponse], list[FrequencyResponse]]:
-    out = [response for response in responses if response.configuration.name in left_out]
-    return [response for response in responses if response.configuration.name not in left_out], out
+    return replace(spec, parameters={**remaining, **still})
 
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:
@@ -185,19 +179,19 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
     best = rows[0]
     if not math.isfinite(best.mean_misfit):
         if not math.isfinite(best.criterion):
-            return "No model could be fitted: see the message beside each."
+            return "No model could be fitted: see the message of each."
         return (
             f"{best.name} has the smallest information criterion; the predictions of the models are unknown, because "
             "there is one configuration only and none to leave out"
         )
-    others = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
-    tolerance = MISFIT_TOLERANCE * best.mean_misfit
-    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], tolerance)]
-    simplest = min([best, *alike], key=lambda row: row.n_free)
+    rivals = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
+    tolerance = 1e-3 * best.mean_misfit
+    equal = [row for row in rivals if row.behind(best)[0] <= max(row.behind(best)[1], tolerance)]
+    simplest = min([best, *equal], key=lambda row: row.n_free)
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
-    if alike:
-        sentence += f"; {', '.join(row.name for row in alike)} cannot be distinguished from it with these data"
-    worse = [row for row in others if row not in alike]
+    if equal:
+        sentence += f"; {', '.join(row.name for row in equal)} cannot be distinguished from it with these data"
+    worse = [row for row in rivals if row not in equal]
     if worse:
         sentence += f"; the others are worse by more than the standard error, by {_worse(worse, best)}"
     if simplest is not best and simplest.n_free < best.n_free:

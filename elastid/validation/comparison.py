@@ -72,8 +72,8 @@ class Trial:
     """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones and n_free parameters.
 
     before, after: misfit of left-out configurations, mean.  change, standard_error: after - before, paired over the
-    configurations.  criterion: change of QAIC.  NaN where one of both has no fit.  taken: whether the search continues
-    from there.
+    configurations.  criterion: change of QAIC.  NaN where one of both has no fit.  taken: true if the search continues
+    from it.
     """
 
     step: int

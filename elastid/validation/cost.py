@@ -1,4 +1,4 @@
-r"""The cost of a fit explained: its excess over the cost that noise alone would leave, and where that excess lies.
+r"""The cost of a fit explained: its excess over the cost that noise alone would leave, and the location of that excess.
 
 .. math:: V - \nu \approx \sum_k (|E_k|^2 / \sigma_k^2 - 1)
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,12 +21,18 @@ from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, falls_short_by_chance
 from elastid.validation.results import Agreement, are_white, noise_p, power_ratio
 
-# A configuration or element is named from this share of the excess on, and from twice its share of the lines.
-MIN_EXCESS_SHARE = 0.25
-# A band that holds half of the excess is named if it has at most this share of the lines.
-MAX_BAND_SHARE = 0.2
-# Residuals have outliers where the largest so many of them carry this share of the cost.
-OUTLIER_SHARE, MIN_OUTLIER_COST_SHARE = 0.01, 0.3
+
+@dataclass(frozen=True)
+class ExcessLimits:
+    """Limits of the judgement where the excess of a cost lies; false alarms are not measured."""
+
+    min_share: float = 0.25  # of the excess, from which a configuration or element is named; also twice its lines
+    max_band_lines: float = 0.2  # share of the lines up to which a band with half of the excess is named
+    outliers: float = 0.01  # share of the residuals that may be outliers
+    min_outlier_cost: float = 0.3  # share of the cost in these from which they are
+
+
+LIMITS = ExcessLimits()
 
 
 @frozen_value
@@ -40,10 +47,8 @@ class Excess:
     @classmethod
     def of(cls, measured: Sequence[FrequencyResponse], modelled: Sequence[FrequencyResponse], spec: FitSpec) -> Excess:
         """Of fitted responses under the weights of the fit."""
-        power: list[float] = []
-        configuration: list[str] = []
-        element: list[str] = []
-        freq_hz: list[float] = []
+        power, freq_hz = list[float](), list[float]()
+        configuration, element = list[str](), list[str]()
         for Ghat, G in zip(measured, modelled, strict=True):
             weights = weigh(Ghat, spec)
             counted = np.argwhere(weights.used)
@@ -61,7 +66,7 @@ class Excess:
         share = np.bincount(places, above, len(names)) / max(float(above.sum()), 1e-300)
         lines = np.bincount(places, minlength=len(names)) / len(places)
         most = int(np.argmax(share))
-        return (names[most], float(share[most])) if share[most] > max(MIN_EXCESS_SHARE, 2 * lines[most]) else None
+        return (names[most], float(share[most])) if share[most] > max(LIMITS.min_share, 2 * lines[most]) else None
 
     def band_hz(self) -> tuple[float, float] | None:
         """The band with half of the excess and the fewest lines, where these are few enough."""
@@ -71,14 +76,14 @@ class Excess:
         last = np.searchsorted(total, total[:-1] + total[-1] / 2)
         count = np.where(last < len(total), last - np.arange(len(f)), len(f))
         start = int(np.argmin(count))
-        if count[start] > MAX_BAND_SHARE * len(f):
+        if count[start] > LIMITS.max_band_lines * len(f):
             return None
         return float(f[start]), float(f[last[start] - 1])
 
     @property
     def outlying(self) -> float:
         """The share of the cost that the largest one in a hundred carries."""
-        n = max(1, int(OUTLIER_SHARE * len(self.power)))
+        n = max(1, int(LIMITS.outliers * len(self.power)))
         return float(np.sort(self.power)[-n:].sum() / max(float(self.power.sum()), 1e-300))
 
 
@@ -92,7 +97,7 @@ def explain_cost(
     """The explanation in words. measured, modelled: of the fitted configurations; agreements of others are ignored."""
     names = [response.configuration.name for response in measured]
     ratio = result.cost / max(result.cost_expected, 1e-300)
-    beside = f"The cost is {result.cost:.4g}; noise alone would leave {result.cost_expected:.4g}"
+    opening = f"The cost is {result.cost:.4g}; noise alone would leave {result.cost_expected:.4g}"
     if all(response.uncertainty is None for response in measured):
         return (
             f"The cost is {result.cost:.4g} for {result.dof} degrees of freedom, in units of fit.weights.floor: the "
@@ -105,22 +110,22 @@ def explain_cost(
     if not more and not less:
         coloured = [] if are_white(fitted) else [a.configuration for a in fitted if not a.is_white]
         though = f", though residuals of neighbouring lines are correlated in {', '.join(coloured)}" if coloured else ""
-        return f"{beside}: the data show no error of the model ({rate}){though}."
+        return f"{opening}: the data show no error of the model ({rate}){though}."
     if not more:
         return (
-            f"{beside}: the residuals are smaller than their uncertainty, which is overestimated, for instance by "
+            f"{opening}: the residuals are smaller than their uncertainty, which is overestimated, for instance by "
             "realisations or periods that differ by more than their mean is wrong, or by fit.weights.floor above the "
             "error of the model; the intervals are then too wide rather than too narrow."
         )
     excess = Excess.of(measured, modelled, spec)
     times = math.sqrt(max(ratio, power_ratio(fitted)[0]))
     if not cost_p(result) < FALSE_ALARM and spec.weights.floor > 0:
-        beside = (
-            f"{beside}, with a floor of {100 * spec.weights.floor:.3g} % of each element beside the noise, and shows "
-            "no more. Without the floor, which the intervals hold"
+        opening = (
+            f"{opening}, with a floor of {100 * spec.weights.floor:.3g} % of each element in addition to the noise, "
+            "and shows no more. Without the floor, which the intervals hold"
         )
     return (
-        f"{beside}: the residuals are {times:.3g} times the noise, rms ({rate}). "
+        f"{opening}: the residuals are {times:.3g} times the noise, rms ({rate}). "
         + _kind(excess, fitted)
         + _places(excess, measured[0])
     )
@@ -138,7 +143,7 @@ def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
             "Residuals of neighbouring lines are correlated: the model lacks something that the data show, such as a "
             "mode, or a number that was taken as known is wrong"
         )
-    if excess.outlying > MIN_OUTLIER_COST_SHARE:
+    if excess.outlying > LIMITS.min_outlier_cost:
         return (
             f"One line in a hundred carries {100 * excess.outlying:.0f} % of the cost: single lines are far off, for "
             "instance by interference or a grid of another rate; leave them out with fit.weights.factors, or choose a "
@@ -151,16 +156,12 @@ def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
 
 
 def _places(excess: Excess, first: FrequencyResponse) -> str:
-    """Where most of the excess lies, as the end of a sentence."""
-    found = list(_found(excess, first))
-    return (
-        f"; of the excess, {', '.join(found)}."
-        if found
-        else "; the excess is spread over all configurations and elements."
-    )
+    """The location of most of the excess, as the end of a sentence."""
+    places = ", ".join(_large_shares(excess, first))
+    return f"; of the excess, {places}." if places else "; the excess is spread over all configurations and elements."
 
 
-def _found(excess: Excess, first: FrequencyResponse) -> Iterator[str]:
+def _large_shares(excess: Excess, first: FrequencyResponse) -> Iterator[str]:
     for where, word in ((excess.configuration, "in configuration "), (excess.element, "in ")):
         largest = excess.largest(where) if len(set(where)) > 1 else None
         if largest is not None:

@@ -7,22 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.validation.comparison import Refit
+from elastid.validation.comparison import LeftOut, Refit
 from elastid.validation.results import Agreement, Fold
-
-# A model generalises if its error on left-out configurations is at most this ratio of that on fitted ones ...
-MAX_ERROR_RATIO = 1.5
-# ... plus a difference that is never of importance.
-ERROR_TOLERANCE_DB = 0.1
 
 
 def generalises(left_out_db: float, fitted_db: float) -> bool:
-    """Whether a model with these errors, in dB, holds in configurations that it was not fitted to."""
-    return left_out_db <= MAX_ERROR_RATIO * fitted_db + ERROR_TOLERANCE_DB
+    """True if a model with these errors holds in left-out configurations: at most half as much more, plus 0.1 dB."""
+    return left_out_db <= 1.5 * fitted_db + 0.1
 
 
 def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
-    """The configurations in so many parts, each in one of them; 0: one a part. None where there is one only."""
+    """The configurations in so many parts, each in one of them; 0: one a part. None for a single configuration."""
     n = min(parts or len(names), len(names))
     return tuple(tuple(names[i::n]) for i in range(n)) if n > 1 else ()
 
@@ -32,23 +27,22 @@ def gather_folds(parts: Sequence[Sequence[str]], refits: Sequence[Refit]) -> tup
     folds = []
     for part, refit in zip(parts, refits, strict=True):
         for name in part:
-            score = refit.left_out.get(name)
+            score, message = refit.left_out.get(name), ""
             if score is None:
-                folds.append(Fold(name, math.nan, math.nan, math.nan, refit.message))
-            else:
-                folds.append(Fold(name, score.misfit, score.rms_log_db, score.phase_rms_deg))
+                score, message = LeftOut(math.nan, math.nan, math.nan), refit.message
+            folds.append(Fold(name, score.misfit, score.rms_log_db, score.phase_rms_deg, message))
     return tuple(folds)
 
 
 def describe_folds(folds: Sequence[Fold], fitted: Sequence[Agreement]) -> str:
-    """The errors of the folds beside those of the fit to all, and what to do."""
+    """The errors of the folds compared with those of the fit to all, with advice."""
     failed = [fold for fold in folds if math.isnan(fold.rms_log_db)]
     met = [fold for fold in folds if fold not in failed]
     if not met:
         return f"Cross-validation: every fit without some configurations failed; the first with: {failed[0].message}"
-    seen = {a.configuration: a.overall_rms_log_db for a in fitted}
+    of_all = {a.configuration: a.overall_rms_log_db for a in fitted}
     db = math.sqrt(np.mean([fold.rms_log_db**2 for fold in met]))
-    of_fit = math.sqrt(np.mean([seen[fold.configuration] ** 2 for fold in met]))
+    of_fit = math.sqrt(np.mean([of_all[fold.configuration] ** 2 for fold in met]))
     worst = max(met, key=lambda fold: fold.rms_log_db)
     words = (
         f"Cross-validation: the fit to the others predicts a left-out configuration with {db:.2g} dB rms, the fit to "

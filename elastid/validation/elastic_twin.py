@@ -68,7 +68,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
         return None
     motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])
     numbers = dict(zip(model.parameters, theta.tolist(), strict=True))
-    free = numbers | dict.fromkeys(_viscous(fitted.robot), 0.0)
+    free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
     known = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
     rigid_theta = np.array([known[name] for name in (*rigid.model.parameters, DELAY)])
     alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
@@ -93,11 +93,11 @@ def elastic_balances(
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
-    whole, frictionless, rigid = (
-        signals_of(_torque(Y_m, *one, freq_hz), lines, N) for one in (parts.whole, parts.frictionless, parts.rigid)
+    full, frictionless, rigid = (
+        signals_of(_torque(Y_m, *part, freq_hz), lines, N) for part in (parts.whole, parts.frictionless, parts.rigid)
     )
     measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
-    torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: whole - frictionless, DRY: dry}
+    torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     return tuple(
         torque_balance(
@@ -111,17 +111,6 @@ def elastic_balances(
 def _torque(Y: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
     """U (F, n_u) that moves the motors by Y (F, n_u)."""
     return np.asarray(np.linalg.solve(frequency_response(model, theta, freq_hz), Y[..., None])[..., 0])
-
-
-def _viscous(robot: Robot) -> list[str]:
-    """Names of the viscous frictions of motors and joints."""
-    return [name for name, (_, path) in robot.numbers.items() if path[-1] == "viscous"]
-
-
-# Of the lowest line.
-HELD_SHARE = 0.2
-# Periods of the holding loop, critically damped, after which a thousandth of an error at the start is left.
-SETTLING_PERIODS = 1.5
 
 
 @dataclass(frozen=True)
@@ -161,24 +150,24 @@ def _shortened(record: Record) -> Record:
 def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
     """Driven by the torque of the record, or by the reference of a rig."""
     drive: Drive = "torque" if rig is None else "reference"
-    held_hz = HELD_SHARE * band_hz[0] if rig is None else 0.0
+    held_hz = 0.2 * band_hz[0] if rig is None else 0.0
     seconds = record.period_samples / record.rate_hz
     empty = TwinRun(record.name, drive, held_hz, seconds, record.rate_hz)
-    found: list[Record | str] = []
+    outcomes: list[Record | str] = []
     for robot in (twin.robot, without_friction(twin.robot)):
         try:
             if rig is None:
-                found.append(_under_torque(record, robot, twin.spec, held_hz))
+                outcomes.append(_under_torque(record, robot, twin.spec, held_hz))
             else:
                 experiment = Experiment(record.configuration, record.realisation, record.experiment)
-                found.append(rig.follow(experiment, robot, twin.spec))
+                outcomes.append(rig.follow(experiment, robot, twin.spec))
         except (DataError, StudyError) as error:
-            found.append(str(error))
-    whole, free = found
-    if isinstance(whole, str):
-        return replace(empty, lost=whole)
+            outcomes.append(str(error))
+    full, free = outcomes
+    if isinstance(full, str):
+        return replace(empty, lost=full)
     delay_s = twin.delay_s if rig is None else 0.0
-    compared = _compared(record, whole, None if isinstance(free, str) else free, band_hz, delay_s)
+    compared = _compared(record, full, None if isinstance(free, str) else free, band_hz, delay_s)
     return replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else "")
 
 
@@ -238,11 +227,12 @@ def _lead(record: Record, held_hz: float) -> int:
         return 0
     period_s = record.period_samples / record.rate_hz
     most = max(0, math.floor(LONGEST_S / period_s) - 1)
-    return min(most, math.ceil(SETTLING_PERIODS / held_hz / period_s))
+    # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
+    return min(most, math.ceil(1.5 / held_hz / period_s))
 
 
 def _compared(
-    record: Record, whole: Record, free: Record | None, band_hz: tuple[float, float], delay_s: float
+    record: Record, full: Record, free: Record | None, band_hz: tuple[float, float], delay_s: float
 ) -> tuple[TwinSignal, ...]:
     """Torques and motions of the last period, at the lines within the band."""
     rate_hz, N = record.rate_hz, record.period_samples
@@ -250,20 +240,20 @@ def _compared(
     freq_hz = line_frequencies(lines, rate_hz, N)
     late = np.exp(-2j * np.pi * freq_hz * delay_s)[:, None]
 
-    def in_time(one: Record, factor: ComplexArray | float) -> tuple[FloatArray, FloatArray]:
-        (Y,), (U,) = last_period(one, lines, "position")
+    def in_time(log: Record, factor: ComplexArray | float) -> tuple[FloatArray, FloatArray]:
+        (Y,), (U,) = last_period(log, lines, "position")
         return signals_of(factor * Y, lines, N), signals_of(U, lines, N)
 
-    (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(whole, late)
+    (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(full, late)
     y_free, u_free = (None, None) if free is None else in_time(free, late)
     edges = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
-    found = []
+    signals = []
     for i, place in enumerate(record.inputs):
-        three = (u[:, i], u_twin[:, i], None if u_free is None else u_free[:, i])
-        found.append(twin_signal(TORQUE, place, record.units_of_inputs[i], three, rate_hz, edges))
+        runs = (u[:, i], u_twin[:, i], None if u_free is None else u_free[:, i])
+        signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], runs, rate_hz, edges))
     for i, place in enumerate(record.outputs):
-        three = (y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i])
+        runs = (y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i])
         kind: SignalKind = MOTION if place in record.inputs else LINK
         unit = motion_unit("position", place in record.sliding)
-        found.append(twin_signal(kind, place, unit, three, rate_hz, edges))
-    return tuple(found)
+        signals.append(twin_signal(kind, place, unit, runs, rate_hz, edges))
+    return tuple(signals)

@@ -65,7 +65,7 @@ def describe_search(coordinates: Sequence[str], trials: Sequence[Trial], start: 
 
 
 def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
-    """Whether the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
+    """True if the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
     if not math.isfinite(free.mean_misfit):
         return False
     if not math.isfinite(rigid.mean_misfit):

@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray
 
 Kind: TypeAlias = Literal["differs", "drifts"]
 
-# What a drift means, by the letters of the parameter and whether it grows.
+# Meaning of a drift, by the letters of the parameter and whether it grows.
 MEANINGS = {
     ("k", False): "the spring softens",
     ("b", True): "the backlash opens",
@@ -33,9 +33,6 @@ MEANINGS = {
     ("f", True): "viscous friction grows",
     ("fm", True): "viscous friction grows",
 }
-
-# Robots below which none can be told from the others.
-MIN_ROBOTS = 3
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ class Finding:
 
     @property
     def meaning(self) -> str:
-        """What wears where a spring, a friction or a backlash drifts; empty for others."""
+        """The kind of wear where a spring, a friction or a backlash drifts; empty for others."""
         return MEANINGS.get((self.parameter.partition("_")[0], self.z > 0), "") if self.kind == "drifts" else ""
 
     @property
@@ -95,7 +92,7 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
 def _differences(name: str, values: Sequence[FleetValue]) -> list[Finding]:
     """Every robot against the median of all."""
     robots = list(dict.fromkeys(value.robot for value in values))
-    if len(robots) < MIN_ROBOTS:
+    if len(robots) < 3:  # of two, either may be the odd one
         return []
     is_relative = all(value.value > 0 for value in values)
     means = np.array([_mean([v for v in values if v.robot == robot], is_relative) for robot in robots])
@@ -110,7 +107,7 @@ def _differences(name: str, values: Sequence[FleetValue]) -> list[Finding]:
 def _trends(name: str, values: Sequence[FleetValue]) -> list[Finding]:
     """The line over its dates of every robot that has two."""
     is_relative = all(value.value > 0 for value in values)
-    found = []
+    findings = []
     for robot in dict.fromkeys(value.robot for value in values):
         own = [value for value in values if value.robot == robot]
         x, variance = _numbers(own, is_relative)
@@ -122,14 +119,15 @@ def _trends(name: str, values: Sequence[FleetValue]) -> list[Finding]:
         information = float(w @ centred**2)
         span = float(np.ptp(day))
         slope = float((w * centred) @ x) / information
-        found.append(_finding("drifts", robot, name, slope * span, span / math.sqrt(information), is_relative))
-    return found
+        findings.append(_finding("drifts", robot, name, slope * span, span / math.sqrt(information), is_relative))
+    return findings
 
 
 def _mean(values: Sequence[FleetValue], is_relative: bool) -> tuple[float, float]:
     """Weighted mean over dates and its variance."""
     x, variance = _numbers(values, is_relative)
-    return float(np.sum(x / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
+    total = np.sum(1 / variance)
+    return float(np.sum(x / variance) / total), float(1 / total)
 
 
 def _numbers(values: Sequence[FleetValue], is_relative: bool) -> tuple[FloatArray, FloatArray]:
@@ -148,6 +146,5 @@ def _finding(kind: Kind, robot: str, name: str, off: float, std: float, is_relat
 def _discovered(tests: Sequence[Finding], rate: float) -> list[Finding]:
     """Those with a p up to the largest p_(i) <= rate i / n."""
     ordered = sorted(tests, key=lambda test: test.p)
-    n = len(ordered)
-    last = max((i for i, test in enumerate(ordered, start=1) if test.p <= rate * i / n), default=0)
+    last = max((i for i, test in enumerate(ordered, start=1) if test.p <= rate * i / len(ordered)), default=0)
     return ordered[:last]

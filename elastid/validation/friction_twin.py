@@ -60,22 +60,22 @@ def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> Fri
     return next(record for record in records if np.array_equal(record.position, motion.motion.position))
 
 
-def _balance(found: MotionFriction, record: FrictionRecord) -> TorqueBalance:
-    signals = MotionSignals.of(found.motion, found.passband_hz)
+def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
+    signals = MotionSignals.of(fit.motion, fit.passband_hz)
     parts: dict[str, FloatArray] = {}
-    if "inertia" not in found.chosen.names:
-        parts[RIGID_BODY] = signals.filtered(record.torque - found.motion.torque)
-    numbers = motion_parts(found, signals)
+    if "inertia" not in fit.chosen.names:
+        parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
+    numbers = motion_parts(fit, signals)
     for name in sorted(numbers, key=list(PART_OF).index):
         parts[PART_OF[name]] = parts.get(PART_OF[name], 0.0) + numbers[name]
     rate_hz = record.rate_hz / int(signals.kept.step)
-    torque, band_hz = signals.filtered(record.torque), (0.0, found.passband_hz)
+    torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
     return torque_balance(
         f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
     )
 
 
-# Of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
 HELD_HZ = 0.5
 
 
@@ -83,7 +83,7 @@ HELD_HZ = 0.5
 class _Log:
     """A log of n samples along which joints move: records and signals of those, the whole robot's motion (n, n_u).
 
-    moving (n_u,): whether a joint does.  torque (n, n_u): logged; rigid (n, n_u): found of the rigid body.
+    moving (n_u,): true for a joint that does.  torque (n, n_u): logged; rigid (n, n_u): found of the rigid body.
     """
 
     records: tuple[FrictionRecord, ...]
@@ -126,10 +126,8 @@ def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecor
     for joint in joints:
         if joint.motion is None or joint.friction is None:
             continue
-        for record in measured.of(joint.joint, "motion"):
-            if np.array_equal(record.position, joint.motion.motion.position):
-                groups.setdefault(record.name, []).append((joint, record))
-                break
+        record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
+        groups.setdefault(record.name, []).append((joint, record))
     return [_log(robot, members) for members in groups.values()]
 
 
@@ -164,12 +162,12 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     start = Configuration(log.records[0].name, log.position[0])
     try:
         free = TwinPlant.of(without_friction(robot), log.rate_hz, start)
-        whole = TwinPlant.of(robot, log.rate_hz, start)
+        full = TwinPlant.of(robot, log.rate_hz, start)
     except StudyError as error:
         return replace(empty, lost=str(error))
     commands, gains = _commands(log, free, controller)
     try:
-        moved = whole.moved(gains, commands, log.velocity[0])
+        moved = full.moved(gains, commands, log.velocity[0])
     except DataError as error:
         return replace(empty, lost=str(error))
     without, lost = None, ""
@@ -177,12 +175,8 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
         without = free.moved(gains, commands, log.velocity[0])
     except DataError as error:
         lost = str(error)
-    return replace(
-        empty,
-        rate_hz=log.rate_hz / int(log.signals[0].kept.step),
-        signals=tuple(_compared(robot, log, (whole, moved), without)),
-        lost_without_friction=lost,
-    )
+    rate_hz, signals = log.rate_hz / int(log.signals[0].kept.step), _compared(robot, log, (full, moved), without)
+    return replace(empty, rate_hz=rate_hz, signals=tuple(signals), lost_without_friction=lost)
 
 
 def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tuple[Commands, Gains]:
@@ -199,57 +193,49 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
         position = log.position
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
     else:
-        held = _cascade(controller, len(moving))
+        n_u = len(moving)
+        kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
+        kp = kd * np.array(controller.position_gain, dtype=np.float64)
+        ki = 0.0 if controller.integral_time is None else 1 / controller.integral_time
+        held = Gains(kp, kd, np.full(n_u, ki))
         position = log.position.copy()
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
             position[:, i] = record.reference[: len(position)]
         velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
-        acting = np.tile(_at_start(log, held, position[0], velocity[0]), (len(own), 1))
+        # The torque that the controller's integral holds at the start; 0 without an integral.
+        error = kp * (position[0] - log.position[0]) + kd * (velocity[0] - log.velocity[0])
+        acting = np.tile(np.where(held.ki > 0, log.torque[0] - error, 0.0), (len(own), 1))
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
     return commands, free.gains(moving, held)
 
 
-def _cascade(controller: CascadeSpec, n_u: int) -> Gains:
-    kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
-    kp = kd * np.array(controller.position_gain, dtype=np.float64)
-    return Gains(kp, kd, np.full(n_u, 0.0 if controller.integral_time is None else 1 / controller.integral_time))
-
-
-def _at_start(log: _Log, gains: Gains, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Torque (n_u,) that the controller's integral holds at the start; 0 without an integral."""
-    error = gains.kp * (position - log.position[0]) + gains.kd * (velocity - log.velocity[0])
-    return np.where(gains.ki > 0, log.torque[0] - error, 0.0)
-
-
-def _compared(
-    robot: Robot, log: _Log, whole: tuple[TwinPlant, Trajectory], free: Trajectory | None
-) -> list[TwinSignal]:
+def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free: Trajectory | None) -> list[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    plant, moved = whole
-    names, found = [joint.name for joint in robot.driven], []
+    plant, moved = full
+    names, compared = [joint.name for joint in robot.driven], []
     for record, signals in zip(log.records, log.signals, strict=True):
         i, k = names.index(record.joint), plant.plant.model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
-        own, others = (
+        own, frictionless = (
             (None, None, None) if run is None else (run.reading[:, i], run.u[:, i], run.q[:, k])
             for run in (moved, free)
         )
         measured = record.position, record.torque, record.link_position
         kinds: tuple[SignalKind, ...] = (MOTION, TORQUE, LINK)
         places = (motor, turning), (motor, drive_unit(record.slides)), (f"joint {record.joint}", turning)
-        for kind, (place, unit), *three in zip(kinds, places, measured, own, others, strict=True):
+        for kind, (place, unit), *three in zip(kinds, places, measured, own, frictionless, strict=True):
             if three[0] is not None:
-                found.append(_filtered(kind, place, unit, signals, three, len(moved.u)))
-    return found
+                compared.append(_filtered(kind, place, unit, signals, three, len(moved.u)))
+    return compared
 
 
 def _filtered(
     kind: SignalKind, place: str, unit: str, signals: MotionSignals, three: Sequence[FloatArray | None], n: int
 ) -> TwinSignal:
     """The signals behind the filter of the regression; of a log that is not simulated to its end, without the rest."""
-    kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-    measured, simulated, free = (None if each is None else kept.filtered(each[:n]) for each in three)
+    shortened = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
+    measured, simulated, free = (None if each is None else shortened.filtered(each[:n]) for each in three)
     assert measured is not None
     assert simulated is not None
     rate_hz = signals.rate_hz / int(signals.kept.step)

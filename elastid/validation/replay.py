@@ -36,11 +36,7 @@ from elastid.validation.results import Replay
 
 
 def replay(
-    records: Iterable[Record],
-    model: LinearModel,
-    theta: FloatArray,
-    band_hz: tuple[float, float],
-    spec: EstimatorSpec,
+    records: Iterable[Record], model: LinearModel, theta: FloatArray, band_hz: tuple[float, float], spec: EstimatorSpec
 ) -> Replay:
     """The records of one configuration through its model at theta (n_theta,); records are read one at a time.
 

@@ -6,19 +6,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtrc, fdtr, fdtrc, gammaincc, log_ndtr
+from scipy.special import fdtr, fdtrc, gammaincc, log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.statistics import chi_square_tail
 from elastid.fit.weights.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
-# How often a verdict speaks against a true model.
+# Probability of a verdict against a true model.
 FALSE_ALARM = 0.01
 LAGS = (1, 2, 3)
-# Draws of random phases for the scatter of the autocorrelations of white residuals, least and most, and of so many
-# values together.
-PHASE_DRAWS = (400, 2000)
-MAX_DRAWN_VALUES = 2_000_000
 
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
@@ -40,21 +37,21 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
 
 
 def power_over_noise(
-    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, beside: float = 0.0
+    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, of_shifts: float = 0.0
 ) -> tuple[float, float]:
     r"""Power of whitened residuals z (F, m) over that of the measured noise, and the degrees of freedom d of the ratio.
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 
-    S is the measured covariance and kappa its part in L (`smooth_covariance`); beside: power that counts with that of
-    z.  Of a true model the ratio has mean 1 and variance 2 / d.
+    S is the measured covariance and kappa its part in L (`smooth_covariance`); of_shifts: power of `without_shifts`,
+    added to that of z.  Of a true model the ratio has mean 1 and variance 2 / d.
     """
     measured = noise.measured
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
     own = noise.own_variance if noise.is_diagonal else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
     n = int(np.count_nonzero(z))
-    return (float(np.sum(np.abs(z) ** 2)) + beside) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+    return (float(np.sum(np.abs(z) ** 2)) + of_shifts) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
 
 
 def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:
@@ -94,46 +91,38 @@ def white_by_chance(z: ComplexArray) -> float:
     z = z[:, np.any(z != 0, axis=0)]
     if len(z) <= max(LAGS) + 1 or not z.size:
         return math.nan
-    draws = int(np.clip(MAX_DRAWN_VALUES // z.size, *PHASE_DRAWS))
+    draws = int(np.clip(2_000_000 // z.size, 400, 2000))  # of random phases, by the values that fit into memory
     turns = np.exp(2j * np.pi * np.random.default_rng(0).random((draws, len(z))))
-    found, drawn = 0.0, np.zeros(draws)
+    statistic, drawn = 0.0, np.zeros(draws)
     for lag in LAGS:
         product = z[:-lag].conj() * z[lag:]
         scale = np.maximum(np.sum(np.abs(product) ** 2, axis=0), 1e-300)
-        found += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
+        statistic += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
         drawn += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) ** 2 / scale, axis=1)
     mean = float(len(LAGS) * z.shape[1])
     variance, third = float(np.mean((drawn - mean) ** 2)), float(np.mean((drawn - mean) ** 3))
-    third = max(
-        third, 2 * variance**2 / mean
-    )  # of a gamma distribution from zero on, the least that sums of squares have
+    # Sums of squares have at least the third moment of a gamma distribution from zero on.
+    third = max(third, 2 * variance**2 / mean)
     shape = 4 * variance**3 / third**2
-    return float(gammaincc(shape, max(0.0, shape + math.sqrt(shape / variance) * (found - mean))))
+    return float(gammaincc(shape, max(0.0, shape + math.sqrt(shape / variance) * (statistic - mean))))
 
 
 def together(p: Sequence[float] | FloatArray) -> float:
-    """P of independent tests together, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
-    known = [max(one, 1e-300) for one in p if math.isfinite(one)]
-    return float(chdtrc(2 * len(known), -2 * sum(map(math.log, known)))) if known else math.nan
+    """P of independent tests jointly, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
+    logarithms = [math.log(max(value, 1e-300)) for value in p if math.isfinite(value)]
+    return chi_square_tail(-2 * sum(logarithms), 2 * len(logarithms)) if logarithms else math.nan
 
 
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
 NORMALITY_95 = 0.752
-# Fewer numbers do not show the shape of their distribution.
-MIN_SAMPLES = 16
 
 
-def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
+def sigma_of(measured: FrequencyResponse, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
     """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
 
-    Zeros where the measurement came without an uncertainty.
+    noise: that of `smooth_noise`, if it is known.  Zeros where the measurement came without an uncertainty.
     """
-    return sigma_of_noise(measured, smooth_noise(measured))
-
-
-def sigma_of_noise(measured: FrequencyResponse, noise: SmoothedNoise | None) -> tuple[FloatArray, float]:
-    """`sigma_of` where the smooth noise is there already."""
-    if noise is None:
+    if (noise := noise or smooth_noise(measured)) is None:
         return np.zeros(measured.G.shape), 0.0
     return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
 
@@ -204,7 +193,7 @@ def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
             some = some / np.abs(some) * np.sqrt(dof * np.log1p(power / dof))
         z = np.concatenate([some.real, some.imag])
         n = len(z)
-        if n < MIN_SAMPLES:
+        if n < 16:  # too few for the shape of a distribution
             continue
         z = np.sort((z - z.mean()) / z.std(ddof=1))
         weight = 2 * np.arange(1, n + 1) - 1

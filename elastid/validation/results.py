@@ -13,17 +13,22 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.label import labelled
 from elastid.record import Motion
-from elastid.validation.residual_tests import FALSE_ALARM, NORMALITY_95, exceeds_by_chance, together
-
-# A bump counts as a peak from this prominence on, and from so many standard deviations of it ...
-MIN_PROMINENCE_DB = 3.0
-MIN_PROMINENCE_SIGMAS = 6.0
-# ... and if the standard deviation of its frequency, relative, is below this.
-MAX_FREQUENCY_STD = 0.01
-# Frequencies further apart than this factor are not of the same mode.
-MAX_FREQUENCY_RATIO = 1.25
+from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, together
 
 PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
+
+
+@dataclass(frozen=True)
+class PeakLimits:
+    """Limits of the judgement of peaks; false alarms are not measured."""
+
+    min_prominence_db: float = 3.0
+    min_prominence_sigmas: float = 6.0  # the same in standard deviations
+    max_frequency_std: float = 0.01  # relative, of the frequency of a peak
+    max_frequency_ratio: float = 1.25  # up to which two frequencies may be of the same mode
+
+
+PEAKS = PeakLimits()
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class Peak:
 
 
 def resonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = MIN_PROMINENCE_DB
+    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PEAKS.min_prominence_db
 ) -> FloatArray:
     """Frequencies (n,) of the peaks of |G| (F,), increasing, none at the ends of the band.
 
@@ -54,7 +59,7 @@ def resonances(
 
 
 def antiresonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = MIN_PROMINENCE_DB
+    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PEAKS.min_prominence_db
 ) -> FloatArray:
     """Frequencies (n,) of the dips of |G| (F,), increasing, under the same conditions."""
     return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=-1)
@@ -68,7 +73,9 @@ def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
     distance = np.abs(np.log(measured[:, None] / modelled[None, :]))
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(measured))
-    mutual = (distance.argmin(axis=0)[nearest] == rows) & (distance[rows, nearest] < math.log(MAX_FREQUENCY_RATIO))
+    mutual = (distance.argmin(axis=0)[nearest] == rows) & (
+        distance[rows, nearest] < math.log(PEAKS.max_frequency_ratio)
+    )
     partner[mutual] = modelled[nearest[mutual]]
     return partner
 
@@ -80,26 +87,22 @@ def _peaks(freq_hz: FloatArray, G: ComplexArray, std: FloatArray, prominence_db:
         return np.array([])
     level = sign * np.log(magnitude)
     p, std_p = (1 / G, std / magnitude**2) if sign > 0 else (G, std)
-    found = []
-    for peak in _local_maxima(level):
+    frequencies = []
+    inner = level[1:-1]
+    for peak in (np.flatnonzero((inner > level[:-2]) & (inner >= level[2:])) + 1).tolist():
         base = _base(level, peak)
         prominent = level[peak] - level[base] > prominence_db * math.log(10) / 20
         if prominent and _is_significant(magnitude[[peak, base]], std[[peak, base]]):
             f, std_f = _minimum(freq_hz, p, std_p, peak)
-            if std_f < MAX_FREQUENCY_STD * f:
-                found.append(f)
-    return np.array(found)
+            if std_f < PEAKS.max_frequency_std * f:
+                frequencies.append(f)
+    return np.array(frequencies)
 
 
 def _is_significant(magnitude: FloatArray, std: FloatArray) -> bool:
-    """Whether two lines differ by 6 standard deviations in |G| or in 1/|G|; one of the two may be mostly noise."""
+    """True if two lines differ by 6 standard deviations in |G| or in 1/|G|; one of these may be mostly noise."""
     pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
-    return any(abs(m[0] - m[1]) > MIN_PROMINENCE_SIGMAS * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
-
-
-def _local_maxima(level: FloatArray) -> list[int]:
-    inner = level[1:-1]
-    return [int(i) + 1 for i in np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))]
+    return any(abs(m[0] - m[1]) > PEAKS.min_prominence_sigmas * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
 
 
 def _base(level: FloatArray, peak: int) -> int:
@@ -148,7 +151,7 @@ def _within_3db(magnitude: FloatArray, line: int) -> slice:
 
 @frozen_value
 class Agreement:
-    """How well one configuration's model agrees with its measurement; arrays by element (n_y, n_u).
+    """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
 
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
     Ghat / G.  inside_2sigma: share of all lines with |E| <= 2 sigma; inside_expected: that of a true model, given its
@@ -193,33 +196,14 @@ class Agreement:
         return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
 
     @property
-    def overall_rms_sigma(self) -> float:
-        """Residual over its standard deviation, rms over all elements with one."""
-        known = np.isfinite(self.rms_sigma)
-        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
-
-    @property
-    def coloured(self) -> float:
-        """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
-        known = np.isfinite(self.autocorrelation)
-        beyond = self.autocorrelation[known] > self.autocorrelation_bound[known]
-        return float(beyond.mean()) if known.any() else math.nan
-
-    @property
-    def not_normal(self) -> float:
-        """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
-        known = np.isfinite(self.normality)
-        return float((self.normality[known] > NORMALITY_95).mean()) if known.any() else math.nan
-
-    @property
     def is_white(self) -> bool:
-        """Whether the residuals of neighbouring lines are uncorrelated, as `are_white`."""
+        """True if the residuals of neighbouring lines are uncorrelated, as `are_white`."""
         return are_white([self])
 
     def worst(self, kind: PeakKind) -> Peak | None:
         """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
-        found = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
-        return max(found, key=lambda peak: abs(peak.error_percent), default=None)
+        matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
+        return max(matched, key=lambda peak: abs(peak.error_percent), default=None)
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
@@ -229,8 +213,8 @@ def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
 
 
 def are_white(agreements: Sequence[Agreement]) -> bool:
-    """Whether the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
-    return not together([one.white_p for one in agreements]) < FALSE_ALARM
+    """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
+    return not together([each.white_p for each in agreements]) < FALSE_ALARM
 
 
 def noise_p(agreements: Sequence[Agreement], cost_p: float = math.nan) -> float:
@@ -244,14 +228,14 @@ def noise_p(agreements: Sequence[Agreement], cost_p: float = math.nan) -> float:
 
 def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
     """Power of the residuals over that of the noise, of all configurations together, and its degrees of freedom."""
-    known = [one for one in agreements if math.isfinite(one.power_ratio) and one.power_dof > 0]
-    dof = sum(one.power_dof for one in known)
-    return (sum(one.power_dof * one.power_ratio for one in known) / dof, dof) if known else (math.nan, 0.0)
+    known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
+    dof = sum(own for own, _ in known)
+    return (sum(own * ratio for own, ratio in known) / dof, dof) if known else (math.nan, 0.0)
 
 
 @frozen_value
 class Replay:
-    """How well the model moves as the robot did under the same torque, in one configuration.
+    """Motion of the model under the torque of a record, compared with that of the robot, in one configuration.
 
     records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
     for no error, 0 for an error as large as the motion.  reachable_percent (n_r, n_y): of a true model, estimated from
@@ -289,16 +273,6 @@ class Replay:
         """The lowest fit of any record and output, in percent."""
         return float(self.fit_percent.min())
 
-    @property
-    def mean(self) -> FloatArray:
-        """Fit (n_y,) of each output over the records, in percent."""
-        return np.asarray(self.fit_percent.mean(axis=0))
-
-    @property
-    def mean_reachable(self) -> FloatArray:
-        """Fit of a true model (n_y,), in percent."""
-        return np.asarray(self.reachable_percent.mean(axis=0))
-
 
 @dataclass(frozen=True)
 class Fold:
@@ -318,7 +292,7 @@ class Fold:
 class Validation:
     """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
 
-    cost: why the cost of the fit is as large as it is, in words.  replays: of the records through the model, one for
+    cost: explanation of the cost of the fit, in words.  replays: of the records through the model, one for
     each configuration with records; replayed: their summary.  folds: cross-validation, where asked for; folded: its
     summary.
     """
@@ -336,16 +310,14 @@ class Validation:
     @property
     def display(self) -> Display:
         """The verdict, and the agreement of each configuration."""
+        shares = [a.overall_inside_2sigma for a in self.configurations]
         rows = [
             (
-                one.configuration,
-                "left out" if one.left_out else "fitted",
-                f"{one.overall_rms_log_db:.2g}",
-                f"{one.overall_phase_rms_deg:.2g}",
-                f"{100 * one.overall_inside_2sigma:.3g} %" if math.isfinite(one.overall_inside_2sigma) else "unknown",
+                a.configuration, "left out" if a.left_out else "fitted", f"{a.overall_rms_log_db:.2g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{100 * share:.3g} %" if math.isfinite(share) else "unknown",
             )
-            for one in self.configurations
-        ]
+            for a, share in zip(self.configurations, shares, strict=True)
+        ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "lines within 2 sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
 

@@ -1,4 +1,4 @@
-r"""The torque of a log against its model, part by part: rigid body, friction, elasticity, and what is left.
+r"""The torque of a log against its model, part by part: rigid body, friction, elasticity, and the residual.
 
 .. math:: u(t) = \sum_i \tau_i(t) + e(t), \qquad
           share_i = \overline{\tau_i u} \,/\, \overline{u^2}, \qquad left = \overline{e^2} \,/\, \overline{u^2}
@@ -21,12 +21,10 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.label import labelled
 
-# Parts of a model's torque, as tables and figures name them; `FRICTION` is what a model without friction lacks.
+# Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
 VISCOUS, DRY = "viscous friction", "dry friction"
 FRICTION = (VISCOUS, DRY)
-# Of the window's lines: a narrower band would be that of a neighbour.
-MIN_LINES_IN_BAND = 4
 # An octave with less of the torque's power holds noise, or what the window leaks.
 MIN_POWER_SHARE = 1e-4
 
@@ -122,39 +120,41 @@ def octaves(band_hz: tuple[float, float], resolution_hz: float) -> tuple[float, 
     """Ends of bands of an octave each from the top of band_hz down; the lowest reaches down to its bottom."""
     low, high = band_hz
     edges = [high]
-    while edges[-1] / 2 > max(2 * low, MIN_LINES_IN_BAND * resolution_hz):
+    while edges[-1] / 2 > max(
+        2 * low, 4 * resolution_hz
+    ):  # lines of the window, below which a band is that of a neighbour
         edges.append(edges[-1] / 2)
     return (low, *reversed(edges)) if low < edges[-1] else tuple(reversed(edges))
 
 
 def describe_balance(balance: TorqueBalance) -> str:
-    """What each part explains, in two sentences."""
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in _told(balance))
-    said = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
+    """Shares of the parts, in two sentences."""
+    shares = ", ".join(f"{part} {share:.1%}" for part, share in _named_shares(balance))
+    text = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
     if any(part in FRICTION for part in balance.parts):
-        said += f" (without friction {balance.left_without_friction:.1%})"
+        text += f" (without friction {balance.left_without_friction:.1%})"
     worst, unit = balance.worst, "Hz" if balance.rate_is_known else "of the sampling rate"
     return (
-        f"{said}. By octaves most is left from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}, where "
+        f"{text}. By octaves most is left from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}, where "
         f"{worst.power:.2%} of the torque's power lies: {worst.left:.0%} of that, without friction "
         f"{worst.left_without_friction:.0%}."
     )
 
 
-def _told(balance: TorqueBalance) -> list[tuple[str, float]]:
+def _named_shares(balance: TorqueBalance) -> list[tuple[str, float]]:
     """Parts and shares; those without friction as one where they oppose each other, as about an antiresonance."""
     shares = list(zip(balance.parts, balance.shares, strict=True))
-    others = [each for each in shares if each[0] not in FRICTION]
-    if all(0 <= share <= 1 for _, share in others):
+    rigid = [each for each in shares if each[0] not in FRICTION]
+    if all(0 <= share <= 1 for _, share in rigid):
         return shares
-    together = " and ".join(part for part, _ in others) + " together"
-    return [(together, sum(share for _, share in others)), *(each for each in shares if each[0] in FRICTION)]
+    together = " and ".join(part for part, _ in rigid) + " together"
+    return [(together, sum(share for _, share in rigid)), *(each for each in shares if each[0] in FRICTION)]
 
 
 def _explained(
     measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
 ) -> tuple[tuple[float, ...], float, float]:
-    """Shares of torques (n_p, ...), what all of them leave, and what those without friction leave."""
+    """Shares of torques (n_p, ...), and those of the residuals of all of them and of those without friction."""
     n_p = len(torques)
     u, parts = measured.ravel(), torques.reshape(n_p, -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)

@@ -114,7 +114,7 @@ class TwinFindings:
 
     @property
     def run_words(self) -> tuple[str, ...]:
-        """How far the twin is off in each run, and why none follows a reference where none does."""
+        """Errors of the twin in each run, and the reason why none follows a reference where none does."""
         words = tuple(map(describe_run, self.runs))
         return (*words, NO_CONTROLLER) if words and all(run.drive == "torque" for run in self.runs) else words
 
@@ -156,16 +156,16 @@ def _band_errors(
     edges = octaves(band_hz, rate_hz / n)
     bands = [(low, high, (freq_hz >= low) & (freq_hz < high)) for low, high in pairwise(edges)]
     total = max(sum(float(power[inside].sum()) for _, _, inside in bands), 1e-300)
-    found = []
+    band_errors = []
     for low, high, inside in bands:
         own = float(power[inside].sum())
         both = (math.sqrt(float(each[inside].sum()) / max(own, 1e-300)) for each in errors)
-        found.append(BandError(low, high, own / total, *both))
-    return found
+        band_errors.append(BandError(low, high, own / total, *both))
+    return band_errors
 
 
 def describe_run(run: TwinRun) -> str:
-    """How far the twin is off its log, in two or three sentences."""
+    """Errors of the twin along its log, in two or three sentences."""
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
@@ -175,13 +175,13 @@ def describe_run(run: TwinRun) -> str:
         for kind in (MOTION, TORQUE, LINK)
         if (signals := run.of(kind))
     ]
-    said = (
+    text = (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
     )
     if run.lost_without_friction:
-        said += f" Without friction it is lost: {run.lost_without_friction}."
-    return f"{said} {_worst_band(run)}"
+        text += f" Without friction it is lost: {run.lost_without_friction}."
+    return f"{text} {_worst_band(run)}"
 
 
 _DRIVES = {"reference": "reference through its controller", "torque": "torque"}
@@ -194,7 +194,7 @@ def _worst_band(run: TwinRun) -> str:
     signal, band = max(pairs, key=lambda pair: pair[1].error)
     return (
         f"By octaves it is worst from {band.low_hz:.3g} to {band.high_hz:.3g} Hz in the {signal.kind} of "
-        f"{signal.place}: {100 * band.error:.3g} % of what is there, which is {100 * band.power:.2g} % of its power."
+        f"{signal.place}: {100 * band.error:.3g} % of the signal in it, which is {100 * band.power:.2g} % of its power."
     )
 
 
@@ -211,10 +211,6 @@ def _without(errors: Sequence[float]) -> str:
 
 # Of a log this much is simulated at most.
 LONGEST_S = 30.0
-# The loop about a logged motion is damped critically, so that it adds no resonance.
-HELD_DAMPING_RATIO = 1.0
-# Of motors whose torque is not in the log.
-RESTING_HZ = 5.0
 
 
 @dataclass(frozen=True)
@@ -232,12 +228,12 @@ class TwinPlant:
         return cls(Plant(plant.model, replace(plant.loop, limits=free)), point)
 
     def holding_gains(self, bandwidth_hz: float) -> Gains:
-        """Of a loop about the logged motion."""
-        return tune(self.plant.model, self.point.q, bandwidth_hz, HELD_DAMPING_RATIO)
+        """Of a loop about the logged motion, damped critically, so that it adds no resonance."""
+        return tune(self.plant.model, self.point.q, bandwidth_hz, 1.0)
 
     def gains(self, moving: BoolArray, held: Gains) -> Gains:
-        """Those of `held` for motors that move (n_u,), of a loop of RESTING_HZ for the others."""
-        resting = self.holding_gains(RESTING_HZ)
+        """Those of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
+        resting = self.holding_gains(5.0)
         return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
     def moved(self, gains: Gains, commands: Commands, velocity: FloatArray) -> Trajectory:

@@ -83,5 +83,5 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     assert said.count(f"friction taken out of the torque: motor 1 {shown} ") == 1
     assert f"fm_1: {VISCOUS}" in said
     assert f"motor 1: F_c = {level:.6g} N*m" in described(run.path("estimate"))
-    explained = [replay.mean.min() for replay in read_validation(run.path("validate")).replays]
+    explained = [replay.fit_percent.mean(axis=0).min() for replay in read_validation(run.path("validate")).replays]
     assert min(explained) > 99

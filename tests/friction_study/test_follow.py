@@ -25,7 +25,7 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
     """Whether Coulomb friction or an offset takes the torque; reversals tell it."""
     said = notes(followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4)))
     assert "Fc and offset cannot be distinguished (correlation -0.9" in said["not-distinguished"]
-    assert "reversals tell Coulomb friction from an offset" in said["not-distinguished"]
+    assert "reversals distinguish Coulomb friction from an offset" in said["not-distinguished"]
     assert not {"not-distinguished", "diverged"} & set(notes(followed(simulate(rich(7), 4))))
 
 
@@ -39,7 +39,7 @@ def test_a_filter_whose_nis_leaves_its_band_says_so() -> None:
 def test_a_filter_that_has_lost_the_log_says_so() -> None:
     """Viscous friction a thousand times too large to begin with."""
     lost = notes(followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous)))
-    assert "5 standard deviations from what the joint was known by" in lost["diverged"]
+    assert "5 standard deviations from its prior" in lost["diverged"]
 
 
 def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> None:

@@ -49,7 +49,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
         ({"loads": (0.3,)}, "load", "one load; measure in another posture or with a payload"),
         ({"loads": (0.0, 1.0)}, "load", "2 loads; a Stribeck velocity of the load's own needs three"),
         ({"temperatures": (33.0, 74.0)}, "temperature", "2 temperatures; an exponential decay needs three"),
-        ({"speeds": (60.0, 100.0, 280.0)}, "stribeck", "3 speeds; a Stribeck curve beside viscous friction needs 5"),
+        ({"speeds": (60.0, 100.0, 280.0)}, "stribeck", "3 speeds; a Stribeck curve with viscous friction needs 5"),
     ],
 )
 def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(

@@ -62,7 +62,7 @@ def test_directions_are_told_apart_only_where_they_are() -> None:
     [
         (lambda m: replace(m, position=m.position[:200], torque=m.torque[:200]), "are too short for a passband"),
         (lambda m: replace(m, torque=-m.torque), "friction drives .* turn one channel"),
-        (lambda m: replace(m, position=np.abs(np.cumsum(np.abs(m.position)))), "hardly moves backwards"),
+        (lambda m: replace(m, position=np.abs(np.cumsum(np.abs(m.position)))), "barely moves backwards"),
         (lambda m: replace(m, rate_hz=50.0), "needs a rate above 80 Hz"),
     ],
 )

@@ -115,7 +115,7 @@ def test_loops_below_three_counts_are_said_or_refused() -> None:
     (note,) = check_counts(loops([2e-5, 1e-4, 2e-4, 4e-4]))
     assert note.code == "small-loops"
     assert "move by less than 3 counts of the encoder (1e-05 rad each" in note.text
-    with pytest.raises(DataError, match=r"stiffness before sliding cannot be seen in steps"):
+    with pytest.raises(DataError, match=r"stiffness before sliding cannot be identified from steps"):
         check_counts(loops([1e-5, 1e-5, 2e-5, 1e-4]))
 
 

@@ -7,7 +7,19 @@ import pytest
 from plants.two_mass import circular
 from scipy.stats import norm
 
-from elastid.validation.residual_tests import LAGS, NORMALITY_95, autocorrelation, inside_expected, normality
+from elastid.validation.residual_tests import (
+    FALSE_ALARM,
+    LAGS,
+    NORMALITY_95,
+    autocorrelation,
+    exceeds_by_chance,
+    falls_short_by_chance,
+    inside_expected,
+    normality,
+    together,
+    white_by_chance,
+    without_shifts,
+)
 
 
 @pytest.mark.parametrize("dof", [1, 5, math.inf])
@@ -77,3 +89,68 @@ def test_a_sigma_of_few_degrees_of_freedom_is_allowed_for():
     e = circular(rng, (300, 300, 1)) / np.sqrt(rng.gamma(5, 1 / 5, (300, 300, 1)))
     assert np.mean(normality(e, 5) > NORMALITY_95) < 0.08
     assert np.mean(normality(e) > NORMALITY_95) > 0.5
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.7])
+def test_white_residuals_are_called_coloured_as_often_as_the_test_says(scatter):
+    """100 draws, of a level that is known or scatters from line to line: 5 % below 0.05, 1 % below 0.01."""
+    rng = np.random.default_rng(0)
+    p = np.array(
+        [white_by_chance(np.exp(scatter * rng.standard_normal((60, 1))) * circular(rng, (60, 4))) for _ in range(100)]
+    )
+    assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.05)
+    assert np.mean(p < FALSE_ALARM) < 0.04
+    assert np.mean([together(some) < 0.05 for some in p.reshape(20, 5)]) < 0.21
+
+
+def test_the_tail_is_that_of_random_phases():
+    """Seven elements of one error beside five of their own, 60 lines: of 10000 draws 5 and 1 % have such p or less."""
+    rng, p = np.random.default_rng(4), []
+    for _ in range(4):
+        z = np.concatenate([np.repeat(circular(rng, (60, 1)), 7, axis=1), circular(rng, (60, 5))], axis=1)
+        turns = np.exp(2j * np.pi * rng.random((10000, 60, 1)))
+        T = np.zeros(10000)
+        for lag in (1, 2, 3):
+            product = z[:-lag].conj() * z[lag:]
+            turned = (turns[:, :-lag, 0].conj() * turns[:, lag:, 0]) @ product
+            T += np.sum(np.abs(turned) ** 2 / np.sum(np.abs(product) ** 2, axis=0), axis=1)
+        p.append([white_by_chance(turns[i] * z) for i in np.argsort(T)[[-500, -100]]])
+    assert np.mean(p, axis=0) == pytest.approx([0.05, 0.01], rel=0.2)
+
+
+def test_a_smooth_error_is_coloured():
+    """Half a standard deviation, alike on all lines."""
+    z = circular(np.random.default_rng(1), (200, 4))
+    assert white_by_chance(z + 0.5) < 1e-3
+
+
+def test_power_is_beyond_chance_as_often_as_the_test_says():
+    """400 ratios of powers with 300 and 600 degrees of freedom: 5 % on either side."""
+    rng = np.random.default_rng(2)
+    ratio = rng.chisquare(300, 400) / 300 / (rng.chisquare(600, 400) / 600)
+    dof = 2 / (2 / 300 + 2 / 600)
+    for test in (exceeds_by_chance, falls_short_by_chance):
+        assert np.mean([test(one, dof) < 0.05 for one in ratio]) == pytest.approx(0.05, abs=0.03)
+    assert math.isnan(exceeds_by_chance(2.0, 0.0))
+
+
+def test_errors_of_parameters_within_their_uncertainty_are_no_residual():
+    """z = B c + noise with c as uncertain as stated: the distance is that of noise, in 200 draws 100 +- 1 complex."""
+    rng = np.random.default_rng(3)
+    shifts = 3 * circular(rng, (3, 50, 2))
+    found = []
+    for _ in range(200):
+        z = np.tensordot(rng.standard_normal(3), shifts, axes=1) + circular(rng, (50, 2))
+        left, beside = without_shifts(z, shifts)
+        found.append(np.sum(np.abs(left) ** 2) + beside)
+        B = np.concatenate([shifts.real, shifts.imag], axis=1).reshape(3, -1)
+        y = np.concatenate([z.real, z.imag]).ravel()
+        exact = y @ np.linalg.solve(np.eye(200) / 2 + B.T @ B, y) / 2
+        assert found[-1] == pytest.approx(exact)
+    assert np.mean(found) == pytest.approx(100, abs=2.5)
+
+
+def test_nothing_is_tested_where_nothing_is_known():
+    """Too few lines, and no p at all."""
+    assert math.isnan(white_by_chance(np.zeros((3, 2), complex)))
+    assert math.isnan(together([math.nan]))

@@ -41,7 +41,7 @@ def test_the_words_have_the_numbers_and_what_holds_the_twin() -> None:
     text = describe_run(run())
     assert "over 10 s of log, driven by its torque, held on the log by a loop of 0.5 Hz" in text
     assert "motor angle 22.3 % (without friction 49 %)" in text
-    assert "worst from 16 to 32 Hz in the motor angle of motor 1: 100 % of what is there" in text
+    assert "worst from 16 to 32 Hz in the motor angle of motor 1: 100 % of the signal in it" in text
     assert "Without friction it is lost: too fast." in describe_run(run(lost_without_friction="too fast"))
 
 

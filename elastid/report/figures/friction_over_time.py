@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.friction_study.follow import FollowedFriction
-from elastid.friction_study.innovations import NIS_BAND
+from elastid.friction_study.innovations import FILTER
 from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import Z_95, units
@@ -40,7 +40,7 @@ def friction_filter(found: FollowedFriction) -> Figure:
         style.label(panels[i, 0], y=f"{NAMES[name]}\nin {_unit(name, found.slides)}")
     nis, correlation = panels[-2, 0], panels[-1, 0]
     nis.plot(time, found.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
-    nis.axhspan(*NIS_BAND, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
+    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
     nis.set_yscale("log")
     style.label(nis, f"time in {unit}", "NIS")
     rho = found.consistency.autocorrelation
