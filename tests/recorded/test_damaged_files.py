@@ -14,6 +14,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, opened_log, read_channels
+from elastid.store.files import FORMAT
 
 
 def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -120,6 +121,6 @@ def test_a_number_that_no_sensor_gives_is_refused(tmp_path: Path, log, placehold
 def test_labels_of_another_type_than_they_had_are_not_taken_on_trust(tmp_path: Path):
     """HDF5 ends the process on an attribute of labels that is a number."""
     with h5py.File(tmp_path / "frf.h5", "w") as file:
-        file.attrs["elastid"], file.attrs["format"] = "frf", 1
+        file.attrs["elastid"], file.attrs["format"] = "frf", FORMAT
         file.create_dataset("a", data=np.zeros((2, 3))).attrs["DIMENSION_LABELS"] = np.nan
     assert "a (2, 3) = 0" in described(tmp_path / "frf.h5")

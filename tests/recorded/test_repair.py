@@ -12,8 +12,7 @@ from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, counts
 from elastid.recorded.repair.clock import GAPS, at_times, clock_drift, delay, on_grid, resampled
 from elastid.recorded.repair.converter import CLIPPED, find_clipping, find_steps, step
-from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED, realigned
-from elastid.recorded.repair.missing import FILLED, filled
+from elastid.recorded.repair.missing import DOUBLED, DROPPED, FILLED, filled, realigned
 from elastid.recorded.repair.repeats import flat
 from elastid.recorded.repair.spikes import REPLACED, despiked
 
