@@ -46,8 +46,8 @@ def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None, where: st
     if np.ptp(r) > 0 and np.array_equal(r, u):
         text = (
             f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
-            "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if nothing feeds "
-            "back"
+            "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
+            "nothing feeds back"
         )
         return [Note("same-signal", text, where)]
     lag, correlation = _lag(r, u, N)

@@ -40,8 +40,6 @@ class RepetitionLimits:
 
 
 LIMITS = RepetitionLimits()
-# Spacing in samples at which a peak is refined.
-_FINE_STEP = 0.02
 
 
 @dataclass(frozen=True)
@@ -184,14 +182,15 @@ def _anywhere(x: FloatArray) -> Repetition:
 
 
 def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
-    """The place, between samples, of a peak of rho, and its height."""
+    """The place, between samples, of a peak of rho, and its height, on a grid of 0.02 samples and a parabola."""
+    step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
-    times = np.arange(-1, 1 + _FINE_STEP / 2, _FINE_STEP) + (peak - first)
+    times = np.arange(-1, 1 + step / 2, step) + (peak - first)
     fine = at_times(rho[first:last, None], times, float(last - first))[:, 0]
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
     part = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
-    return first + float(times[i]) + part * _FINE_STEP, float(fine.max())
+    return first + float(times[i]) + part * step, float(fine.max())
 
 
 def _from_later(rho: FloatArray, period: float) -> float:
