@@ -65,7 +65,7 @@ def repair_without_period(signals: FloatArray, log: Log) -> Repaired:
 
 def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Repaired:
     """Signals with N samples in a period, and two whole repetitions of L where the second one lacks its end only."""
-    result, findings = signals, ()
+    result, findings = signals, tuple[Finding, ...]()
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)

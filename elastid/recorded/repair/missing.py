@@ -197,7 +197,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
         is_inside = missing[0] >= _CUBIC_SAMPLES and missing[-1] < len(good) - _CUBIC_SAMPLES
         is_short = np.ptp(gaps, axis=1).max() <= LIMITS.max_gap
         if not (is_inside and is_short and missing.size <= LIMITS.max_interpolated_share * len(good)):
-            pieces = runs(np.isfinite(signals).all(axis=1))
+            pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(
                 f"{log.where}: {text}, and a record without a period has no other one to fill them from; the longest "
