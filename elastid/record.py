@@ -83,6 +83,11 @@ class Configuration:
         return replace(self, angles=angles)
 
 
+def zero_order_hold(phase: FloatArray) -> ComplexArray:
+    r"""H of a torque that is held for a time T at phases f T: :math:`e^{-j \pi f T} \sin(\pi f T) / (\pi f T)`."""
+    return np.asarray(np.exp(-1j * np.pi * phase) * np.sinc(phase), dtype=np.complex128)
+
+
 @frozen_value
 class Record:
     """One experiment, sampled at rate_hz, periodic with period_samples.
@@ -220,8 +225,7 @@ class Record:
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
         inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        phase = np.outer(freq_hz, self._held) / self.rate_hz
-        return np.asarray(np.exp(-1j * np.pi * phase) * np.sinc(phase), dtype=np.complex128)
+        return zero_order_hold(np.outer(freq_hz, self._held) / self.rate_hz)
 
     @property
     def images(self) -> HeldTorque | None:

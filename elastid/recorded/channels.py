@@ -6,7 +6,7 @@ are brought to the lowest. A start that all channels share does not matter: Y / 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,19 +20,10 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.structure import Places
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, link_side
-from elastid.recorded.period import found_period, period_samples
-from elastid.recorded.repair import Finding, Log
-from elastid.recorded.repair.clock import MIN_CORRELATION, at_times, delay, on_grid
+from elastid.recorded.period import found_period, period_samples, rounded_samples
+from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair.clock import CLOCK, at_times, delay, on_grid
 from elastid.recorded.repair.missing import bridged_gaps, filled
-
-ALIGNED = "logs shifted"
-RATE_CHANGED = "channels brought to another rate"
-# Samples of a period are whole to this part of them.
-_WHOLE_TOLERANCE = 1e-6
-# Shifts of whole samples, to this part of one, need no interpolation.
-_WHOLE_SHIFT_TOLERANCE = 1e-3
-# The filter of a change of rate passes frequencies up to this part of the lower rate.
-_PASS_BAND = 0.45
 
 
 @dataclass(frozen=True)
@@ -64,20 +55,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Experiment:
-    """The study's section, and the files of one experiment."""
+    """The study's section, its channels and rate (1 where unknown), and the files of one experiment."""
 
     recorded: RecordedSpec
     file: FileSpec
     paths: tuple[Path, ...]
-
-    @property
-    def channels(self) -> tuple[ChannelSpec, ...]:
-        return self.recorded.channels
-
-    @property
-    def rate_hz(self) -> float:
-        """The study's rate, 1 where unknown."""
-        return self.recorded.known_rate_hz
+    channels: tuple[ChannelSpec, ...]
+    rate_hz: float
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
         """File and rate of a channel."""
@@ -90,12 +74,13 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     Raises StudyError for rates without a whole number of samples in a period, DataError for channels that cannot be
     read, never change, or belong to logs without a common excitation, and for a period that is not found.
     """
-    experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
-    channels, rate_hz = recorded.channels, experiment.rate_hz
+    channels, rate_hz = recorded.channels, recorded.known_rate_hz
+    paths = tuple(base / path for path in (file.path, *file.also))
+    experiment = _Experiment(recorded, file, paths, channels, rate_hz)
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
+    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], paths[0])]
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
@@ -106,7 +91,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
     period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
-    found = (found_period(period, known_hz),) if period is not None and recorded.period_of(file) == "find" else ()
+    periods = [found_period(period, known_hz)] if period is not None and recorded.period_of(file) == "find" else []
     aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     signals = np.full((n, len(channels)), np.nan)
@@ -120,25 +105,19 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         period=period,
         first=0 if file.samples is None else file.samples[0],
         notes=tuple(notes),
-        findings=(*found, *(finding for part in at_rate for finding in part.findings), *shifts),
+        findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts),
     )
 
 
 def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
     """Samples of a period at a channel's own rate; StudyError where only those at the study's rate are whole."""
-    samples, stated = period_s * rate_hz, period_s * recorded.known_rate_hz
-    if _is_whole(samples):
-        return float(round(samples))
-    if _is_whole(stated) and recorded.period_of(file) != "find":
+    samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
+    if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples, not a whole number, so that "
             f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels"
         )
     return samples
-
-
-def _is_whole(samples: float) -> bool:
-    return abs(samples - round(samples)) <= _WHOLE_TOLERANCE * samples
 
 
 def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
@@ -162,34 +141,21 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     has_time = bool(recorded.time) and key == (1, rate_hz)
     if has_time:
         channels = [*channels, ChannelSpec("y", "time", recorded.time, quantity="position")]
-    part = _part(file, own_rate_hz / rate_hz) if number == 1 else slice(None)
-    values = read_channels(path, channels, recorded.text, part)
-    if part != slice(None):
-        _check_part(part, len(values), path, lambda: len(read_channels(path, channels, recorded.text)))
-    if not has_time:
-        return _Part(number, own_rate_hz, members, np.where(np.isfinite(values), values, np.nan))
+    if number > 1 or file.samples is None:
+        values = read_channels(path, channels, recorded.text)
+    else:
+        first, last = (round(sample * own_rate_hz / rate_hz) for sample in file.samples)
+        values = read_channels(path, channels, recorded.text, slice(first, last))
+        if not 0 <= first < last or len(values) < last - first:
+            n = len(read_channels(path, channels, recorded.text))
+            raise DataError(
+                f"{path}: samples [{first}, {last}] are outside the file; it has {n} samples, the first is 0 and last "
+                "is not included"
+            )
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
-    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
+    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log) if has_time else Repaired(values)
     signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
     return _Part(number, own_rate_hz, members, signals, gridded.findings)
-
-
-def _part(file: FileSpec, ratio: float) -> slice:
-    """The samples to use of a file."""
-    if file.samples is None:
-        return slice(None)
-    first, last = (round(sample * ratio) for sample in file.samples)
-    return slice(first, last)
-
-
-def _check_part(part: slice, n_read: int, path: Path, length: Callable[[], int]) -> None:
-    """DataError where not all samples of a part are in the file."""
-    first, last = part.start, part.stop
-    if not 0 <= first < last or n_read < last - first:
-        raise DataError(
-            f"{path}: samples [{first}, {last}] are outside the file; it has {length()} samples, the first is 0 and "
-            "last is not included"
-        )
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
@@ -207,10 +173,9 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
         repaired = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
         signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    text = (
-        f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {_PASS_BAND * rate_hz:g} Hz"
-    )
-    findings = (*findings, Finding(RATE_CHANGED, len(names), text))
+    # The filter of a change of rate passes frequencies up to 45 % of the lower rate.
+    text = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {0.45 * rate_hz:g} Hz"
+    findings = (*findings, Finding("channels brought to another rate", len(names), text))
     return _Part(part.file, rate_hz, part.members, at_times(signals, times, period, 1 / ratio), findings)
 
 
@@ -226,46 +191,43 @@ def _aligned(
         number: _delay_of(base, [part for part in parts if part.file == number], N, channels, paths[number - 1])
         for number in sorted({part.file for part in parts} - {1})
     }
-    findings = tuple(
-        Finding(
-            ALIGNED,
-            1,
-            f"{paths[number - 1].name} lags {paths[0].name} by {shift:.3f} samples"
-            f"{'' if N is None else ' (up to whole periods)'}: shifted into step",
-        )
-        for number, shift in shifts.items()
-    )
+    up_to = "" if N is None else " (up to whole periods)"
+    texts = (f"{paths[i - 1].name} lags {paths[0].name} by {shift:.3f} samples" for i, shift in shifts.items())
+    findings = tuple(Finding("logs shifted", 1, f"{text}{up_to}: shifted into step") for text in texts)
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
     for part in (part for part in parts if part.file != 1):
         shift, signals = shifts[part.file], part.signals
-        if N is not None and _is_one_period(part, N, channels):
+        if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in part.members):
+            # One period of the excitation alone is repeated.
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
         inside = times[(times >= 0) & (times <= len(signals) - 1)]
-        whole = np.allclose(inside, np.round(inside), atol=_WHOLE_SHIFT_TOLERANCE)
-        moved = (
-            signals[np.round(inside).astype(int)] if whole else at_times(signals, inside, period or float(len(signals)))
-        )
-        result.append(replace(part, signals=moved))
+        if np.allclose(inside, np.round(inside), atol=1e-3):
+            # A shift of whole samples needs no interpolation.
+            signals = signals[np.round(inside).astype(int)]
+        else:
+            signals = at_times(signals, inside, period or float(len(signals)))
+        result.append(replace(part, signals=signals))
     return result, findings
 
 
 def _delay_of(
-    base: Sequence[_Part], here: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
+    base: Sequence[_Part], other: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
 ) -> float:
     """Samples by which a file lags the first one, from the motor whose excitation agrees best in both."""
     sent = _by_motor(base, "r", N, channels)
     ours = _by_motor(base, "u", N, channels) | sent
-    found = {at: delay(ours[at], r, N) for at, r in _by_motor(here, "r", N, channels).items() if at in ours}
-    best = max(found, key=lambda at: found[at][1], default="")
-    if not best or found[best][1] < MIN_CORRELATION:
-        agree = f"best correlation {found[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
+    theirs = _by_motor(other, "r", N, channels)
+    delays = {motor: delay(ours[motor], r, N) for motor, r in theirs.items() if motor in ours}
+    best = max(delays, key=lambda motor: delays[motor][1], default="")
+    if not best or delays[best][1] < CLOCK.min_correlation:
+        agree = f"best correlation {delays[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
         raise DataError(
             f"{path}: its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
             "of that excitation alone"
         )
-    shift = found[best][0]
+    shift = delays[best][0]
     # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.
     return shift if best in sent else float(round(shift))
 
@@ -274,22 +236,18 @@ def _by_motor(
     parts: Sequence[_Part], role: str, N: int | None, channels: Sequence[ChannelSpec]
 ) -> dict[str, FloatArray]:
     """The complete signals of a role that hold a period, if there is one, by their motor."""
-    found = {
+    signals = {
         channels[i].at: column
         for part in parts
         for i, column in zip(part.members, part.signals.T, strict=True)
         if channels[i].role == role
     }
-    return {at: column for at, column in found.items() if len(column) >= (N or 1) and np.isfinite(column).all()}
-
-
-def _is_one_period(part: _Part, N: int, channels: Sequence[ChannelSpec]) -> bool:
-    return len(part.signals) < 2 * N and all(channels[i].role == "r" for i in part.members)
+    return {motor: x for motor, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
 
 
 def _first_of_each(channels: Sequence[ChannelSpec]) -> list[int]:
     """Places of the channels, a signal that two files hold being taken from the first."""
-    seen: dict[tuple[str, str], int] = {}
+    first: dict[tuple[str, str], int] = {}
     for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
-        seen.setdefault((channels[i].role, channels[i].at), i)
-    return sorted(seen.values())
+        first.setdefault((channels[i].role, channels[i].at), i)
+    return sorted(first.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -10,15 +11,25 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.repair.clock import MIN_CORRELATION, delay
+from elastid.recorded.repair.clock import CLOCK, delay
 from elastid.recorded.repair.repeats import blocks
 
-# A lag of u behind r, in samples, from which on it is reported.
-_MIN_REPORTED_LAG = 0.75
-# The lines with this part of the power of r decide after which part of a period r repeats.
-_MAIN_POWER_SHARE = 0.995
-# The other sign fits better where its correlation is so much higher, or as high with a shorter lag.
-_MIN_CORRELATION_GAIN = 0.02
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """Limits of the notes on torques; their false-alarm rates are not measured."""
+
+    # A lag of u behind r, in samples, from which on it is reported.
+    min_reported_lag: float = 0.75
+    # The lines with this part of the power of r decide after which part of a period r repeats.
+    main_power_share: float = 0.995
+    # The other sign fits better where its correlation is so much higher, or as high with a shorter lag.
+    min_correlation_gain: float = 0.02
+    # Sine of the angle between two signals without their means, up to which they are one but for rounding.
+    max_difference: float = 1e-9
+
+
+LIMITS = DriveLimits()
 
 
 def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
@@ -31,30 +42,30 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
     return notes
 
 
-def _compared(at: str, r: FloatArray, u: FloatArray, N: int | None, where: str) -> list[Note]:
+def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None, where: str) -> list[Note]:
     if np.ptp(r) > 0 and np.array_equal(r, u):
-        said = (
-            f"u at {at} equals r to the last bit: the command was logged twice, so that feedback, the drive's limits "
-            "and its delay are not in u; log the torque that acts, or leave the channel of role r out if nothing feeds "
-            "back"
+        text = (
+            f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
+            "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
+            "nothing feeds back"
         )
-        return [Note("same-signal", said, where)]
+        return [Note("same-signal", text, where)]
     lag, correlation = _lag(r, u, N)
     turned, negative = _lag(r, -u, N)
-    is_better = negative > correlation + _MIN_CORRELATION_GAIN
-    is_as_good = negative > correlation - _MIN_CORRELATION_GAIN and abs(turned) < abs(lag)
-    if negative >= MIN_CORRELATION and (is_better or is_as_good):
-        said = (
-            f"u at {at} moves against r (correlation {-negative:.2f} after {turned:.1f} samples): the motor is "
+    is_better = negative > correlation + LIMITS.min_correlation_gain
+    is_as_good = negative > correlation - LIMITS.min_correlation_gain and abs(turned) < abs(lag)
+    if negative >= CLOCK.min_correlation and (is_better or is_as_good):
+        text = (
+            f"u at {place} moves against r (correlation {-negative:.2f} after {turned:.1f} samples): the motor is "
             "mirrored or one of the two channels has the other sign; give that channel sign: -1"
         )
-        return [Note("mirrored-torque", said, where)]
-    if correlation >= MIN_CORRELATION and abs(lag) >= _MIN_REPORTED_LAG:
-        said = (
-            f"u at {at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
+        return [Note("mirrored-torque", text, where)]
+    if correlation >= CLOCK.min_correlation and abs(lag) >= LIMITS.min_reported_lag:
+        text = (
+            f"u at {place} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
             "estimated with the reference only if it changes from experiment to experiment"
         )
-        return [Note("late-torque", said, where)]
+        return [Note("late-torque", text, where)]
     return []
 
 
@@ -72,12 +83,8 @@ def _common_divisor(period: FloatArray) -> int:
     power = np.abs(np.fft.rfft(period)) ** 2
     power[0] = 0.0
     order = np.argsort(power)[::-1]
-    n_main = int(np.searchsorted(np.cumsum(power[order]), _MAIN_POWER_SHARE * power.sum())) + 1
+    n_main = int(np.searchsorted(np.cumsum(power[order]), LIMITS.main_power_share * power.sum())) + 1
     return max(1, int(np.gcd.reduce(order[:n_main])))
-
-
-# Sine of the angle between two signals without their means, up to which they are one but for rounding.
-_MAX_DIFFERENCE = 1e-9
 
 
 def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, where: str) -> list[Note]:
@@ -93,10 +100,10 @@ def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, wher
         if channels[a].role != channels[b].role:
             continue
         factor = moving[:, a] @ moving[:, b] / size[a] ** 2
-        if np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= _MAX_DIFFERENCE * size[b]:
-            said = (
+        if np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= LIMITS.max_difference * size[b]:
+            text = (
                 f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "
                 "signal of its motor; check channel and column in the study, and the wiring of the logger"
             )
-            notes.append(Note("same-signal", said, where))
+            notes.append(Note("same-signal", text, where))
     return notes

@@ -19,7 +19,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.link_side import to_joints
+from elastid.recorded.link_side import hold_of, to_joints
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.missing import bridged_gaps
@@ -36,12 +36,21 @@ def load_torques(robot: Robot, posture: Configuration, payload: float) -> Mappin
     return {joint.name: abs(float(torque)) for joint, torque in zip(loaded.driven, held, strict=True)}
 
 
-# Travel below which a joint is held by its controller, m and rad.
-HELD_TRAVEL = {True: 1e-3, False: 5e-3}
-# Turns that no joint of a robot makes, but its motor does.
-MAX_TURNS = 4.0
-# degC that no joint has, and such as only a very hot one has.
-IMPOSSIBLE_DEGC, HOT_DEGC = 150.0, 95.0
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of motions and temperatures of joints; their false-alarm rates are not measured."""
+
+    # Travel below which a joint is held by its controller, in m where it slides and in rad.
+    held_travel_m: float = 1e-3
+    held_travel_rad: float = 5e-3
+    # Turns that no joint of a robot makes, but its motor does.
+    max_turns: float = 4.0
+    # degC that no joint has, and such as only a very hot one has.
+    impossible_degc: float = 150.0
+    hot_degc: float = 95.0
+
+
+LIMITS = JointLimits()
 
 
 def read_friction_logs(
@@ -50,23 +59,24 @@ def read_friction_logs(
     """The records of all logs, whose paths are relative to base.
 
     joints: whose friction is asked for; the others of a log that move with them are recorded too.  payloads: of each
-    load by name, kg beside the robot's own.
+    load by name, kg in addition to the robot's own.
     Raises StudyError where channels, files and robot do not fit together, DataError for a log that cannot be used.
     """
     recorded = spec.as_recorded()
-    postures = {each.name: each for each in checked_configurations(spec, robot)}
+    postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
     records: list[FrictionRecord] = []
     start_s = 0.0
     for name, file in zip(_names(recorded.files), recorded.files, strict=True):
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
-        found = _LogReader(name, robot, recorded, file, base, angles, start_s, payloads.get(file.load, 0.0)).records()
-        if not any(record.joint in joints for record in found):
+        payload = payloads.get(file.load, 0.0)
+        of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
+        if not any(record.joint in joints for record in of_log):
             raise DataError(
                 f"{base / file.path}: none of the joints {', '.join(joints)} moves in it; correct friction.joints, or "
                 "leave the file out"
             )
-        records += found
-        start_s += max(record.duration_s for record in found)
+        records += of_log
+        start_s += max(record.duration_s for record in of_log)
     return FrictionRecords(tuple(records))
 
 
@@ -136,8 +146,7 @@ class _LogReader:
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
         carried = load_torques(self.robot, posture, self.payload) if self.file.load else {}
-        holds = {_joint_of(c): c.hold for c in self.recorded.channels if c.role == "u" and c.hold}
-        held = {joint.name: holds.get(joint.name, self.recorded.hold) for joint in moving}
+        holds = {_joint_of(c): hold_of(self.recorded, c) for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(
                 name=self.name,
@@ -154,8 +163,8 @@ class _LogReader:
                 load=self.file.load,
                 load_torque=carried.get(joint.name, 0.0),
                 # A held torque acts half a sample after its instant, on average.
-                torque_delay_s=0.5 / rate_hz if held[joint.name] == "zero-order" else 0.0,
-                hold=held[joint.name],
+                torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
+                hold=holds[joint.name],
                 resolution=step(positions[joint.name]),
                 start_s=self.start_s,
                 configuration=posture,
@@ -169,7 +178,7 @@ class _LogReader:
     def _moves(
         self, joint: Joint, positions: Mapping[str, FloatArray], signals: Mapping[tuple[str, str, str], FloatArray]
     ) -> bool:
-        """Whether a joint with torque and position moves by more than its controller's errors.
+        """True if a joint with torque and position moves by more than its controller's errors.
 
         DataError for a position that can only be that of the motor.
         """
@@ -177,36 +186,34 @@ class _LogReader:
             return False
         travel = float(np.ptp(positions[joint.name]))
         ratio, turns = abs(self.robot.ratio(joint.name)), travel / (2 * np.pi)
-        if not joint.slides and turns > MAX_TURNS and ratio > MAX_TURNS:
+        if not joint.slides and min(turns, ratio) > LIMITS.max_turns:
             raise DataError(
                 f"{self.path}: joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
                 f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit"
             )
-        return joint.name == self.file.joint or travel > HELD_TRAVEL[joint.slides]
+        return joint.name == self.file.joint or travel > (
+            LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        )
 
     def _temperature(self, signals: Mapping[tuple[str, str, str], FloatArray], joint: str, n: int) -> FloatArray | None:
         """degC of a joint, by its channel or else by its file."""
-        found = _signal(signals, "t", joint)
-        if found is None:
+        degrees = _signal(signals, "t", joint)
+        if degrees is None:
             return None if self.file.temperature is None else np.full(n, float(self.file.temperature))
-        low, high = float(found.min()), float(found.max())
-        if high > IMPOSSIBLE_DEGC:
-            unit = "K" if low > 200 else "degF"
+        low, high = float(degrees.min()), float(degrees.max())
+        if high > LIMITS.hot_degc:
+            is_impossible = high > LIMITS.impossible_degc
+            unit, scale = ("K", "kelvin") if is_impossible and low > 200 else ("degF", "degrees Fahrenheit")
             raise DataError(
-                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, which no joint bears; "
-                f"if the thermometer is in {'kelvin' if unit == 'K' else 'degrees Fahrenheit'}, give that channel "
-                f"unit: {unit}"
+                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, "
+                f"{'which no joint bears' if is_impossible else 'hotter than grease bears'}; if the thermometer is in "
+                f"{scale}, give that channel unit: {unit}"
             )
-        if high > HOT_DEGC:
-            raise DataError(
-                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, hotter than grease "
-                "bears; if the thermometer is in degrees Fahrenheit, give that channel unit: degF"
-            )
-        return found
+        return degrees
 
 
 def _names(files: Sequence[FileSpec]) -> list[str]:
-    """Of the records of each file: what it is called, with its number where others are called so too."""
+    """The name of each file's records, with its number where several have the same one."""
     stems = [Path(file.path).stem for file in files]
     return [f"{stem}-{i}" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
 
@@ -218,7 +225,7 @@ def _joint_of(channel: ChannelSpec) -> str:
 
 
 def _by_place(channels: Sequence[ChannelSpec], signals: FloatArray) -> dict[tuple[str, str, str], FloatArray]:
-    """Signals (n,) by role, place and quantity; torques and currents alike."""
+    """Signals (n,) by role, place and quantity; torques and currents have an empty one."""
     return {
         (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(signals[:, i])
         for i, c in enumerate(channels)
@@ -226,7 +233,7 @@ def _by_place(channels: Sequence[ChannelSpec], signals: FloatArray) -> dict[tupl
 
 
 def _link_position(signals: Mapping[tuple[str, str, str], FloatArray], joint: str) -> FloatArray | None:
-    """Of a joint that has an encoder beside that of its motor."""
+    """Of a joint that has an encoder in addition to that of its motor."""
     both = all(("y", f"{kind} {joint}", "position") in signals for kind in ("motor", "joint"))
     return signals["y", f"joint {joint}", "position"] if both else None
 

@@ -13,12 +13,9 @@ from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.structure import Places
+from elastid.record import Hold
 
 UNWRAPPED = "unwrapped-angle"
-# A jump between two samples this close to a whole turn, in rad, is an encoder that starts again.
-_TURN_TOLERANCE = 1.0
-# Smaller elements of E or its inverse are rounding.
-_MIN_COUPLING = 1e-12
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
 
@@ -36,7 +33,8 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
-        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _TURN_TOLERANCE):
+        # A jump within 1 rad of a whole turn is an encoder that starts again.
+        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < 1.0):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
     note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
     return signal * _gear_factor(channel, robot), (note,) if turns else ()
@@ -45,7 +43,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     """T (n_c, n_c) from channels by their own ratio to channels on the link side: the identity without couplings.
 
-    StudyError where a channel with side: motor needs another that is not there.
+    StudyError where a channel with side: motor needs another that is missing.
     """
     torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
     T = np.eye(len(channels))
@@ -54,7 +52,7 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
         if channel.side != "motor" or channel.at not in motors:
             continue
         mixed = (angle if channel.is_motion else torque)[motors.index(channel.at)]
-        for source in np.flatnonzero(np.abs(mixed) > _MIN_COUPLING):
+        for source in np.flatnonzero(np.abs(mixed) > 1e-12):  # smaller elements are rounding
             T[row, _place(channels, channel, motors[source])] = mixed[source]
     return T
 
@@ -78,18 +76,15 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
             )
         if np.ptp(values) > 0 or channel.role in ("t", "reference"):
             continue
-        if channel.role == "y" or not _another_moves(channel, channels, columns):
+        same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
+        if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
             raise DataError(
                 f"{path}: {channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
                 "sensor and its name in the file"
             )
-        said = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
-        still.append(Note("input-not-excited", said))
+        text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
+        still.append(Note("input-not-excited", text))
     return tuple(still)
-
-
-def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], columns: Sequence[FloatArray]) -> bool:
-    return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
 
 
 def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -113,14 +108,14 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     return 1 / ratio if channel.is_motion else ratio
 
 
-def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:
+def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
     """The channel of a motor with the role, quantity and side of another."""
     for place, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
-        if (channel.role, channel.side, channel.at) == (like.role, "motor", at) and same_kind:
+        if (channel.role, channel.side, channel.at) == (like.role, "motor", motor) and same_kind:
             return place
     raise StudyError(
-        f"channel {like.name_in_file}: {like.at} is coupled by gears with {at}, of which no channel with role "
+        f"channel {like.name_in_file}: {like.at} is coupled by gears with {motor}, of which no channel with role "
         f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
         "the signal on the link side"
     )
@@ -131,10 +126,16 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """
-    rates = (channel.rate_hz or recorded.rate_hz for channel in channels if channel.role == "u")
+    torques = [channel for channel in channels if channel.role == "u"]
+    rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
     own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    kinds = [channel.hold or recorded.hold for channel in channels if channel.role == "u"]
-    return tuple(rate_hz / rate if kind == "zero-order" else 0.0 for kind, rate in zip(kinds, own, strict=True))
+    is_held = [hold_of(recorded, channel) == "zero-order" for channel in torques]
+    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, own, strict=True))
+
+
+def hold_of(recorded: RecordedSpec, channel: ChannelSpec) -> Hold:
+    """The hold of a torque: its own, or else that of the section."""
+    return channel.hold or recorded.hold
 
 
 def check_holds(recorded: RecordedSpec, robot: Places) -> None:
@@ -144,7 +145,7 @@ def check_holds(recorded: RecordedSpec, robot: Places) -> None:
     for row in to_joints(torques, robot):
         mixed = [torques[i] for i in np.flatnonzero(row)]
         if len({held[torques.index(channel)] for channel in mixed}) > 1:
-            names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
+            names = ", ".join(f"{channel.name_in_file} ({hold_of(recorded, channel)})" for channel in mixed)
             raise StudyError(
                 f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
                 "the torque of a joint has neither: log commands or measured torques for all of them, with one hold"

@@ -21,17 +21,12 @@ from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.record import Record
 from elastid.recorded.link_side import UNWRAPPED
-from elastid.recorded.repair.clock import MIN_CORRELATION, RESAMPLED, delay
-from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED
-
-# A median over fewer periods tells no spike from a signal.
-_MIN_PERIODS = 8
-# Pieces are in step where their excitations lag that of the first by no more than this part of a sample.
-_MAX_LAG = 0.05
+from elastid.recorded.repair.clock import CLOCK, RESAMPLED, delay
+from elastid.recorded.repair.missing import DOUBLED, DROPPED
 
 
 def may_be_large(path: Path) -> bool:
-    """Whether a look at its signals is worth while: a value takes a byte of the file at least, unless compressed."""
+    """True if its signals may be too many for memory: a value takes a byte of the file at least, unless compressed."""
     return path.stat().st_size >= arrays.MIN_LARGE_VALUES
 
 
@@ -45,7 +40,8 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     if N is None:
         count = -(-n * n_channels // arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
-    periods = max(_MIN_PERIODS, arrays.PIECE_VALUES // (N * n_channels))
+    # A median over fewer than eight periods cannot distinguish a spike from a signal.
+    periods = max(8, arrays.PIECE_VALUES // (N * n_channels))
     count = n // N // periods
     bounds = [i * periods * N for i in range(count)] + [n // N * N]
     return tuple(pairwise(bounds)) if count > 1 else ()
@@ -53,7 +49,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
     """The record of all pieces, of so many samples each, its signals in files; None where they are not in step."""
-    whole: Record | None = None
+    record: Record | None = None
     signals: dict[str, FloatArray] = {}
     first: FloatArray = np.zeros((0, 0))
     notes: dict[Note, None] = {}
@@ -62,12 +58,14 @@ def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
     done = 0
     for part, size in zip(parts, sizes, strict=True):
         driver = part.u if part.r is None else part.r
-        if whole is None:
-            whole, first = part, _mean_period(driver, part.period_samples) if part.is_periodic else first
+        if record is None:
+            record, first = part, _mean_period(driver, part.period_samples) if part.is_periodic else first
             roles = {role: getattr(part, role) for role in ("u", "y", "r")}
             shapes = {role: (sum(sizes), x.shape[1]) for role, x in roles.items() if x is not None}
             signals = {role: arrays.empty_in_file(shape) for role, shape in shapes.items()}
-        if part.n_samples != size or not (_is_in_step(part, driver, first) if part.is_periodic else _follows(part)):
+        # Pieces without a period do not join where an angle lost its turns in one of them.
+        is_unwrapped = any(note.code == UNWRAPPED for note in part.notes)
+        if part.n_samples != size or not (_is_in_step(part, driver, first) if part.is_periodic else not is_unwrapped):
             return None
         for role, signal in signals.items():
             signal[done : done + size] = getattr(part, role)
@@ -76,33 +74,26 @@ def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
         repairs.update(part.repairs)
         left_out += [done // part.repeat_samples + p for p in part.left_out]
         done += size
-    if whole is None:
+    if record is None:
         return None
-    kept = {role: arrays.read_only(signal) for role, signal in signals.items()}
-    period = whole.period_samples if whole.is_periodic else done
-    whole = replace(whole, **kept, period_samples=period)  # type: ignore[arg-type]
-    return replace(whole, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
+    in_files = {role: arrays.read_only(signal) for role, signal in signals.items()}
+    period = record.period_samples if record.is_periodic else done
+    record = replace(record, **in_files, period_samples=period)  # type: ignore[arg-type]
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
 
 
-def with_end(record: Record, n: int) -> Record:
-    """The same with a note on those of the log's n samples that are no whole repetition."""
-    lost = n - record.n_samples
-    if not lost:
-        return record
-    text = f"the last {lost} of {n} samples are no whole period of {record.repeat_samples} samples and are left out"
-    return replace(record, notes=(*record.notes, Note("incomplete-period", text, f"record {record.name}")))
-
-
-def _follows(part: Record) -> bool:
-    """Whether the pieces of a record without a period join: not where an angle lost its turns in one of them."""
-    return all(note.code != UNWRAPPED for note in part.notes)
+def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
+    """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
+    text = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
+    return (Note("incomplete-period", text, place),) if lost > 0 else ()
 
 
 def _is_in_step(part: Record, driver: FloatArray, first: FloatArray) -> bool:
     if {RESAMPLED, DROPPED, DOUBLED} & set(part.repairs):
         return False
-    found = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(driver, len(first)).T, strict=True)]
-    return all(abs(lag) <= _MAX_LAG for lag, correlation in found if correlation >= MIN_CORRELATION)
+    delays = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(driver, len(first)).T, strict=True)]
+    # Pieces in step have excitations that lag that of the first by no more than 5 % of a sample.
+    return all(abs(lag) <= 0.05 for lag, correlation in delays if correlation >= CLOCK.min_correlation)
 
 
 def _mean_period(signals: FloatArray, N: int) -> FloatArray:

@@ -21,7 +21,7 @@ from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
 from elastid.recorded.link_side import check_holds, hold_samples, link_side_factor, to_joints
 from elastid.recorded.period import advised_period, check_repeat, grid_samples
-from elastid.recorded.pieces import joined, may_be_large, pieces, with_end
+from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
@@ -86,18 +86,20 @@ class RecordedRig:
             parts = (self._as_a_whole(experiment, cut) for cut in cuts)
             record = joined(parts, tuple(last - first for first, last in bounds))
         except DataError:
-            # Reading all of it tells whether that piece spoils the record.
+            # Reading all of it shows if that piece spoils the record.
             return None
-        return None if record is None else with_end(record, end - start)
+        if record is None:
+            return None
+        lost = end - start - record.n_samples
+        notes = end_notes(lost, end - start, record.repeat_samples, f"record {record.name}")
+        return replace(record, notes=(*record.notes, *notes))
 
     def _as_a_whole(self, experiment: Experiment, file: FileSpec) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)
-        record = _record(experiment, recorded, file, gathered, log, self.robot)
-        sliding = self.robot.sliding((*record.inputs, *record.outputs))
-        return replace(record, sliding=sliding, input_units=input_units(gathered.channels, self.robot))
+        return _record(experiment, recorded, file, gathered, log, self.robot)
 
 
 def _record(
@@ -110,9 +112,9 @@ def _record(
 ) -> Record:
     channels = gathered.channels
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
-    at = [channel.at for channel in channels]
+    places = [channel.at for channel in channels]
     # r in the order of the inputs that it acts on.
-    roles["r"].sort(key=lambda i: [at[j] for j in roles["u"]].index(at[i]))
+    roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
     where = f"record {experiment.name}"
     repaired, N, rate_hz = _repaired(gathered, roles, recorded, log)
     signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
@@ -121,13 +123,15 @@ def _record(
     notes += drive_notes(channels, signals, N, where)
     notes += same_signal_notes(channels, signals, where)
     if N is not None:
-        notes += _end_notes(gathered, repaired, N // 2 if recorded.half_wave else N, N, where)
+        n = len(gathered.signals)
+        lost = int(n * N / (gathered.period or N)) - len(repaired.signals)
+        if all(finding.kind != STOPPED for finding in repaired.findings):
+            notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
     elif "none" not in (file.period, recorded.period):
         notes += _period_notes(signals[:, roles["r"] or roles["u"]], where)
-    rate_is_known = not isinstance(recorded.rate_hz, str)
     signals = signals @ to_joints(channels, robot).T
     held = hold_samples(recorded, channels, rate_hz)
-    alike = set(held) <= {0.0} or set(held) == {1.0}
+    inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
     return Record(
         name=experiment.name,
         configuration=experiment.configuration,
@@ -136,19 +140,21 @@ def _record(
         rate_hz=rate_hz,
         period_samples=N or len(signals),
         is_periodic=N is not None,
-        inputs=tuple(at[i] for i in roles["u"]),
-        outputs=tuple(at[i] for i in roles["y"]),
+        inputs=inputs,
+        outputs=outputs,
         quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
         u=signals[:, roles["u"]],
         y=signals[:, roles["y"]],
         r=signals[:, roles["r"]] if roles["r"] else None,
-        rate_is_known=rate_is_known,
+        rate_is_known=not isinstance(recorded.rate_hz, str),
         notes=tuple(notes),
         hold="zero-order" if any(held) else "band-limited",
-        hold_samples=() if alike else held,
+        hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
         half_wave=recorded.half_wave,
         repairs=counts(findings),
         left_out=repaired.left_out,
+        sliding=robot.sliding((*inputs, *outputs)),
+        input_units=input_units(channels, robot),
     )
 
 
@@ -168,30 +174,20 @@ def _repaired(
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
 
 
-def _end_notes(gathered: GatheredChannels, repaired: Repaired, repeat: int, N: int, where: str) -> list[Note]:
-    """A note on samples after the last whole repetition."""
-    n = len(gathered.signals)
-    lost = int(n * N / (gathered.period or N)) - len(repaired.signals)
-    if lost <= 0 or any(finding.kind == STOPPED for finding in repaired.findings):
-        return []
-    said = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
-    return [Note("incomplete-period", said, where)]
-
-
 def _period_notes(drivers: FloatArray, where: str) -> list[Note]:
     """A note on a period of the drivers (n, d) that the study does not state."""
     advised = advised_period(drivers)
     if advised is None:
         return []
-    said = (
+    text = (
         f"no period is stated, but the torques repeat every {round(advised, 2):.8g} samples: with period: find "
         "the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
     )
-    return [Note("unstated-period", said, where)]
+    return [Note("unstated-period", text, where)]
 
 
 def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) -> None:
-    seen: dict[tuple[str, int, int], str] = {}
+    paths: dict[tuple[str, int, int], str] = {}
     for file in files:
         if file.configuration not in spec.configurations:
             raise StudyError(
@@ -199,13 +195,13 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
                 f"there are {', '.join(spec.configurations) or 'none'}"
             )
         key = (file.configuration, file.realisation, file.experiment)
-        if key in seen:
+        if key in paths:
             raise StudyError(
-                f"files {seen[key]} and {file.path} are both configuration {key[0]}, realisation {key[1]}, experiment "
+                f"files {paths[key]} and {file.path} are both configuration {key[0]}, realisation {key[1]}, experiment "
                 f"{key[2]}; give each its own numbers (experiment: same phases or another input; realisation: other "
                 "phases)"
             )
-        seen[key] = file.path
+        paths[key] = file.path
         for path in (file.path, *file.also):
             if not is_log(base / path):
                 raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
@@ -226,9 +222,9 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
     # r may be in several files, which are aligned by it.
     signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]
-    for role, at, _ in signals:
-        if signals.count((role, at, 1)) > 1:
-            raise StudyError(f"two channels have role {role} at {at}; keep one of them")
+    for role, place, _ in signals:
+        if signals.count((role, place, 1)) > 1:
+            raise StudyError(f"two channels have role {role} at {place}; keep one of them")
     if places["r"] and set(places["r"]) != set(places["u"]):
         raise StudyError(
             f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "

@@ -1,13 +1,72 @@
-"""Two motors that are said to have one signal are named; signals of their own are not."""
+"""A stop within a period, drives that log the same signal twice or mirrored, and signals that only look clipped."""
 
+from __future__ import annotations
+
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from plants.lab_logs import measured, save_csv, study_of, with_names
+import pytest
+from plants.lab_logs import CHANNELS, N, measured, save_csv, study_of, with_names
 from plants.notes import said
 
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.recorded.drive_notes import drive_notes
 
-def _notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:
+R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
+
+
+def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:
+    lines = np.arange(2, 60)
+    spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(seed))[0]
+    x = np.tile(synthesise(lines, spectra, N), (periods, 1))
+    x += 1e-3 * x.std() * np.random.default_rng(1).normal(size=x.shape)
+    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
+
+
+def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
+    return [note.code for note in drive_notes((R, U), np.stack([r, u], axis=1), N, "record a")]
+
+
+def test_a_command_that_was_logged_twice_is_named(tmp_path: Path) -> None:
+    """u equals r to the last bit; with noise of a millionth it is a measurement."""
+    log = _log(4)
+    r = tuple(replace(channel, role="r") for channel in CHANNELS[:2])
+    save_csv(tmp_path / "log.csv", log)
+    notes = said(measured(tmp_path, study_of("log.csv", (*r, *CHANNELS))).notes)
+    assert [note.split(": ", 1)[1][:37] for note in notes] == [
+        f"u at motor {i} equals r to the last bit" for i in (2, 1)
+    ]
+    x = log["i1"]
+    assert _notes(x, x + 1e-6 * np.random.default_rng(0).normal(size=len(x))) == []
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_mirrored_motor_is_named_whatever_the_lines(step: int, periodic: bool) -> None:
+    """Odd lines too, where minus the signal is half a period of delay."""
+    lines = np.arange(step, 60, 2 * step)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).random((len(lines), 1)))
+    x = np.tile(synthesise(lines, phases, N)[:, 0], 4)
+    assert _notes(x, -x + 0.0, N if periodic else None) == ["mirrored-torque"]
+    assert _notes(x, 0.9 * x, N if periodic else None) == []
+
+
+@pytest.mark.parametrize("n", [1000, 999])
+def test_lines_with_a_common_divisor_have_no_delay_of_parts_of_a_period(n: int) -> None:
+    """Lines 3, 9, 15, ... repeat after a third of the period; a real delay of 2 samples stays."""
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        lines = np.arange(3, 300, 6)
+        x = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((len(lines), 1))), n)[:, 0], 3)
+        noisy = 0.8 * x + 1e-3 * rng.normal(size=len(x))
+        assert _notes(x, noisy, n) == []
+        (note,) = drive_notes((R, U), np.stack([x, np.roll(noisy, 2)], axis=1), n, "")
+        assert "lags r by 2.0 samples" in note.text
+
+
+def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:
     save_csv(tmp_path / "log.csv", log)
     channels = with_names({"i1": "i1", "i2": second_current, "phi": "phi", "w2": "w2"})
     notes = said(measured(tmp_path, study_of("log.csv", channels)).notes)
@@ -16,19 +75,19 @@ def _notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> l
 
 def test_a_column_that_stands_for_two_motors_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """With both motors, by the names of the study; of columns of their own nothing is said."""
-    (note,) = _notes(tmp_path, log, "i1")
+    (note,) = _same_signal_notes(tmp_path, log, "i1")
     assert "i1 (u at motor 1) holds the samples of" in note
     assert "i1 (u at motor 2): one of the two is not the signal of its motor" in note
-    assert _notes(tmp_path, log, "i2") == []
+    assert _same_signal_notes(tmp_path, log, "i2") == []
 
 
 def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """A factor and an offset do not hide it; a part in a thousand of its own makes it another signal."""
-    assert len(_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")) == 1
+    assert len(_same_signal_notes(tmp_path, log | {"i2": 7.0 - 2.5 * log["i1"]}, "i2")) == 1
     own = log["i1"] + 1e-3 * log["i2"]
-    assert _notes(tmp_path, log | {"i2": own}, "i2") == []
+    assert _same_signal_notes(tmp_path, log | {"i2": own}, "i2") == []
 
 
 def test_signals_that_do_not_move_are_left_to_other_checks(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """Two dead currents are equal, and no copy of each other."""
-    assert _notes(tmp_path, log | {"i2": np.full_like(log["i1"], 3.0)}, "i2") == []
+    assert _same_signal_notes(tmp_path, log | {"i2": np.full_like(log["i1"], 3.0)}, "i2") == []

@@ -22,8 +22,8 @@ GIVERS = ("tests/**/*.py", "scripts/**/*.py", "configs/**/*.yml", "elastid/app/t
 GIVEN_THROUGH_HELPERS = {
     "experiment/simulated/test_hardware.py": ("SimulatedSpec.model",),
     "recorded/test_link_side.py": ("ChannelSpec.hold",),
-    "recorded/test_responses.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
-    "recorded/test_periods.py": ("FileSpec.period_samples",),
+    "recorded/responses/test_reading.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
+    "recorded/test_period.py": ("FileSpec.period_samples",),
     "recorded/test_rig.py": ("RecordedSpec.text",),
     "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),

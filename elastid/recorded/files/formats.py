@@ -14,19 +14,16 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import hdf5, matlab_5, matlab_73, parquet, ros_bag, tdms, text
+from elastid.recorded.files import hdf5, matlab_5, parquet, ros_bag, tdms, text
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.reader_process import guarded
-
-# First bytes of a file that are looked at; HDF5 after a user block of 4096 bytes is recognised.
-_HEAD_BYTES = 4104
 
 
 @dataclass(frozen=True)
 class Format:
     """A format of log files.
 
-    recognises: whether a file (its path and first bytes) has the format.  opened: the file as a log; it may raise any
+    recognises: true if a file (its path and first bytes) has the format.  opened: the file as a log; it may raise any
     exception.  advice: next step where it does.
     """
 
@@ -43,7 +40,7 @@ FORMATS = (
     Format("ROS bag", ros_bag.recognises, guarded(ros_bag.__name__), "copy it again with all files of its folder"),
     Format("TDMS", tdms.recognises, guarded(tdms.__name__), "copy it or export it again"),
     Format("Parquet", parquet.recognises, guarded(parquet.__name__), "copy it or export it again"),
-    Format("MATLAB 7.3", matlab_73.recognises, matlab_73.opened, "copy it or save it again"),
+    Format("MATLAB 7.3", hdf5.recognises_matlab, hdf5.opened_matlab, "copy it or save it again"),
     Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
     Format("MATLAB", matlab_5.recognises, guarded(matlab_5.__name__), "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),
@@ -51,9 +48,9 @@ FORMATS = (
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
+    """True if a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
     *of_folders, _ = all_formats()  # text, the last, takes everything
-    return os.path.isfile(path) or (os.path.isdir(path) and any(each.recognises(path, b"") for each in of_folders))
+    return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in of_folders))
 
 
 def all_formats() -> tuple[Format, ...]:
@@ -66,18 +63,18 @@ def all_formats() -> tuple[Format, ...]:
 
 def _registered(point: EntryPoint) -> Format:
     try:
-        found = point.load()
+        registered = point.load()
     except Exception as error:
         raise StudyError(
             f"the reader {point.name} ({point.value}) of another package cannot be loaded ({error}); update that "
             "package, or uninstall it"
         ) from error
-    if not isinstance(found, Format):
+    if not isinstance(registered, Format):
         raise StudyError(
-            f"the reader {point.name} ({point.value}) of another package is {type(found).__name__} and not an "
+            f"the reader {point.name} ({point.value}) of another package is {type(registered).__name__} and not an "
             "elastid.recorded.files.formats.Format; update that package, or uninstall it"
         )
-    return found
+    return registered
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
@@ -108,42 +105,32 @@ def read_channels(
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """A log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
-        what = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
-        raise StudyError(f"log file {path} {what}; check path under files (relative to the study's folder)")
-    found = next(each for each in all_formats() if each.recognises(path, _head(path)))
-    guard = partial(_guarded, path, found)
+        problem = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
+        raise StudyError(f"log file {path} {problem}; check path under files (relative to the study's folder)")
+    head = b""
+    if not os.path.isdir(path):
+        with path.open("rb") as file:
+            head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
+    log_format = next(row for row in all_formats() if row.recognises(path, head))
+    damage = f"damaged, cut short or no {log_format.name} file"
+    guard = partial(_refused, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
     with ExitStack() as stack:
         with guard():
-            log = stack.enter_context(found.opened(path, text))
+            log = stack.enter_context(log_format.opened(path, text))
         yield log.guarded(guard) if isinstance(log, ArrayLog) else log
 
 
-def _head(path: Path) -> bytes:
-    """The first bytes of a file; none of a folder."""
-    if os.path.isdir(path):
-        return b""
-    with path.open("rb") as file:
-        return file.read(_HEAD_BYTES)
-
-
 @contextmanager
-def _guarded(path: Path, found: Format) -> Iterator[None]:
-    """DataError in the place of whatever a damaged file makes a reader raise."""
+def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
+    """DataError instead of any exception that is no message for the user yet, such as those of a damaged file."""
     try:
         yield
     except (ElastidError, MemoryError):
         raise
     except Exception as error:
-        raise DataError(f"{path}: damaged, cut short or no {found.name} file ({error}); {found.advice}") from error
+        raise DataError(message(error)) from error
 
 
-@contextmanager
-def naming(path: Path, advice: str) -> Iterator[None]:
-    """DataError with the file and what to do, in the place of any exception that is no message for the user yet."""
-    try:
-        yield
-    except (ElastidError, MemoryError):
-        raise
-    except Exception as error:
-        why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise DataError(f"{path}: {advice} ({why})") from error
+def naming(path: Path, advice: str) -> AbstractContextManager[None]:
+    """DataError with the file and the next step instead of any exception that is no message for the user yet."""
+    return _refused(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")

@@ -1,4 +1,7 @@
-"""Logs in HDF5 files: datasets by their path, fields of compound datasets behind a dot."""
+"""Logs in HDF5 files: datasets by their path, fields of compound datasets behind a dot; MATLAB files of version 7.3.
+
+Those are HDF5 behind a MATLAB header, with reversed axes, and structs as groups.
+"""
 
 from __future__ import annotations
 
@@ -15,25 +18,33 @@ from elastid.base.files import require_own_data
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-# The signature stands at the start or behind a user block, the size of which is a power of two.
-_OFFSETS = (0, 512, 1024, 2048, 4096)
-
 
 def recognises(path: Path, head: bytes) -> bool:
-    """By its signature."""
-    return any(head.startswith(_SIGNATURE, offset) for offset in _OFFSETS)
+    """By its signature, at the start or behind a user block, the size of which is a power of two."""
+    return any(head.startswith(b"\x89HDF\r\n\x1a\n", offset) for offset in (0, 512, 1024, 2048, 4096))
+
+
+def recognises_matlab(path: Path, head: bytes) -> bool:
+    """HDF5 with MATLAB's header in front of it."""
+    return head.startswith(b"MATLAB") and recognises(path, head)
 
 
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """All datasets, read when they are used."""
-    with opened_file(path) as file:
-        yield ArrayLog(path, dict(datasets(file, separator="/", is_transposed=False)))
+    with _opened_file(path) as file:
+        yield ArrayLog(path, dict(_datasets(file, separator="/", is_transposed=False)))
 
 
 @contextmanager
-def opened_file(path: Path) -> Iterator[Any]:
+def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """All variables and members of structs; MATLAB stores column-major, so that axes arrive reversed."""
+    with _opened_file(path) as file:
+        yield ArrayLog(path, dict(_datasets(file, separator=".", is_transposed=True)))
+
+
+@contextmanager
+def _opened_file(path: Path) -> Iterator[Any]:
     """An HDF5 file of another program that holds its own data; those of elastid are read by its store."""
     import h5py
 
@@ -42,14 +53,14 @@ def opened_file(path: Path) -> Iterator[Any]:
         yield file
 
 
-def datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
+def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
     """Name and array of every dataset, or field of a compound one, below a group; MATLAB's references are left out."""
     import h5py
 
     for key, item in group.items():
         name = f"{prefix}{key}"
         if isinstance(item, h5py.Group) and not key.startswith("#"):
-            yield from datasets(item, separator, is_transposed, f"{name}{separator}")
+            yield from _datasets(item, separator, is_transposed, f"{name}{separator}")
         elif isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:
             continue  # an object of a class: the numbers refer to its members elsewhere
         elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
@@ -70,15 +81,11 @@ def _stored(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
         dtype,
         partial(_read, dataset, field, is_transposed),
         units.decode() if isinstance(units, bytes) else str(units),
-        rows=partial(_read_rows, dataset, field, is_transposed),
+        rows=partial(_read, dataset, field, is_transposed),
     )
 
 
-def _read(dataset: Any, field: str, is_transposed: bool) -> NDArray[Any]:
-    values = np.asarray(dataset.fields(field)[()] if field else dataset[()])
-    return values.T if is_transposed else values
-
-
-def _read_rows(dataset: Any, field: str, is_transposed: bool, part: slice) -> NDArray[Any]:
-    values = np.asarray((dataset.fields(field) if field else dataset)[(..., part) if is_transposed else part])
+def _read(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:
+    index = () if part is None else (..., part) if is_transposed else part
+    values = np.asarray((dataset.fields(field) if field else dataset)[index])
     return values.T if is_transposed else values

@@ -19,11 +19,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 
-# A message lists so many signals of a file.
-_MAX_LISTED = 40
-# Values of an array that are in memory at a time where it is read in pieces.
-_BLOCK_VALUES = 1 << 20
-
 
 class Log(Protocol):
     """An open log file."""
@@ -52,7 +47,7 @@ class StoredArray:
 
     @property
     def is_signal(self) -> bool:
-        """Whether it holds several numbers."""
+        """True if it holds several numbers."""
         return self.dtype.kind in "fiub" and len(self.shape) > 0 and max(self.shape) > 1
 
     def blocks(self) -> Iterator[NDArray[Any]]:
@@ -60,9 +55,15 @@ class StoredArray:
         if self.rows is None or len(self.shape) == 0:
             yield self.read()
             return
-        n = max(1, _BLOCK_VALUES * self.shape[0] // max(1, math.prod(self.shape)))
+        # A million values are in memory at a time.
+        n = max(1, (1 << 20) * self.shape[0] // max(1, math.prod(self.shape)))
         for start in range(0, self.shape[0], n):
             yield self.rows(slice(start, start + n))
+
+    @property
+    def has_pieces(self) -> bool:
+        """True if a part of its samples, along the first axis, can be read alone."""
+        return self.rows is not None and self.shape[0] == max(self.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.read(), dtype=dtype)
@@ -78,23 +79,15 @@ class ArrayLog:
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> ArrayLog:
         """The same with every read inside a guard."""
 
-        def inside(read: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        def inside(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
             with guard():
-                return read()
+                return read(*part)
 
-        def inside_rows(rows: Callable[[slice], NDArray[Any]], part: slice) -> NDArray[Any]:
-            with guard():
-                return rows(part)
+        def guarded(array: StoredArray) -> StoredArray:
+            rows = None if array.rows is None else partial(inside, array.rows)
+            return replace(array, read=partial(inside, array.read), rows=rows)
 
-        arrays = {
-            name: replace(
-                array,
-                read=partial(inside, array.read),
-                rows=None if array.rows is None else partial(inside_rows, array.rows),
-            )
-            for name, array in self.arrays.items()
-        }
-        return ArrayLog(self.path, arrays)
+        return ArrayLog(self.path, {name: guarded(array) for name, array in self.arrays.items()})
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every numeric signal with its shape."""
@@ -103,8 +96,7 @@ class ArrayLog:
     def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
         """Samples of the channels if each of them can be read in pieces; None otherwise."""
         arrays = [self._array(channel) for channel in channels]
-        in_pieces = all(array.rows is not None and array.shape[0] == max(array.shape) for array in arrays)
-        return min(array.shape[0] for array in arrays) if in_pieces else None
+        return min(array.shape[0] for array in arrays) if all(array.has_pieces for array in arrays) else None
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels, or a part of the samples.
@@ -139,9 +131,7 @@ class ArrayLog:
 
     def _signal(self, channel: ChannelSpec, part: slice) -> FloatArray:
         array, name = self._array(channel), self._name(channel)
-        is_cut = part != slice(None) and array.rows is not None and array.shape[0] == max(array.shape)
-        if is_cut:
-            assert array.rows is not None
+        if part != slice(None) and array.rows is not None and array.has_pieces:
             stored = np.asarray(array.rows(part), dtype=np.float64)
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, stored.reshape(len(stored), -1))
@@ -168,11 +158,11 @@ class ArrayLog:
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
     """The message about a channel that is not in a file, with those that are."""
     listed = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
-    more = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
+    more = f" and {len(listed) - 40} more" if len(listed) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    what = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
-    return f"{path}: {what}; {hint}There are {', '.join(listed[:_MAX_LISTED]) or 'no signals in it'}{more}"
+    problem = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
+    return f"{path}: {problem}; {hint}There are {', '.join(listed[:40]) or 'no signals in it'}{more}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:

@@ -60,7 +60,7 @@ def _stored(file: Any, name: str, field: Any, n: int) -> StoredArray:
 
 
 def _read(file: Any, name: str) -> NDArray[Any]:
-    """A column, one row group in memory at a time beside the result."""
+    """A column, one row group in memory at a time in addition to the result."""
     parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
     values = np.concatenate(parts) if parts else np.zeros(0)
     return seconds(values, values[0]) if values.dtype.kind == "M" else values

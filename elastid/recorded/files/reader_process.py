@@ -48,7 +48,7 @@ def guarded(module: str) -> Callable[[Path, TextFormatSpec], AbstractContextMana
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
         file = {"module": module, "folder": os.getcwd(), "path": str(path), "version": _version(path)}
         signals = _ask({"file": file})["signals"]
-        yield ArrayLog(path, {each["name"]: _stored(file, index, each) for index, each in enumerate(signals)})
+        yield ArrayLog(path, {entry["name"]: _stored(file, index, entry) for index, entry in enumerate(signals)})
 
     return opened
 
@@ -74,7 +74,7 @@ def _stored(file: Mapping[str, Any], index: int, signal_of: Mapping[str, Any]) -
 def _version(path: Path) -> list[list[Any]]:
     """Name, size and time of a file, or of those in a folder."""
     files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [[file.name, found.st_ino, found.st_size, found.st_mtime_ns] for file in files for found in [file.stat()]]
+    return [[file.name, stat.st_ino, stat.st_size, stat.st_mtime_ns] for file in files for stat in [file.stat()]]
 
 
 def _ask(request: Mapping[str, Any]) -> Any:
@@ -186,7 +186,7 @@ def _limit_memory() -> int:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         limit = max(int(MEMORY_SHARE * memory), MIN_MEMORY_BYTES)
         soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-        limit = min([limit, *(each for each in (soft, hard) if each != resource.RLIM_INFINITY)])
+        limit = min([limit, *(bound for bound in (soft, hard) if bound != resource.RLIM_INFINITY)])
         resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     except (ValueError, OSError):
         return 0
@@ -212,8 +212,8 @@ def _described(name: str, array: StoredArray) -> dict[str, Any]:
 
 def _values(array: StoredArray, rows: list[int | None] | None) -> NDArray[Any]:
     """The values of a signal, or a part of its rows, in the order of their indices."""
-    whole = array.read() if rows is None or array.rows is None else array.rows(slice(*rows))
-    values = np.asarray(whole, order="C")
+    values = array.read() if rows is None or array.rows is None else array.rows(slice(*rows))
+    values = np.asarray(values, order="C")
     if values.dtype.hasobject:
         raise TypeError(f"values of type {values.dtype} are no numbers")
     return values

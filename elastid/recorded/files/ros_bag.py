@@ -25,8 +25,6 @@ from elastid.recorded.files.log import ArrayLog, StoredArray, imported
 # An MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder.
 _SIGNATURES = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
 _METADATA = "metadata.yaml"
-# Longer sequences are images, clouds and maps.
-_MAX_COLUMNS = 64
 _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 
 
@@ -76,28 +74,31 @@ class _Topic:
     def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
         """By joint: several nodes may publish different joints under one topic."""
         times, joints = self._joints
-        shared = all(len(at) == len(times) for at, _ in joints.values())
+        shared = all(len(numbers) == len(times) for numbers, _ in joints.values())
         if shared:
             yield f"{self.name}.time", _stored((len(times),), lambda: times, "s")
-        for (field, joint), (at, values) in joints.items():
+        for (field, joint), (numbers, values) in joints.items():
             if not shared:
-                yield f"{self.name}.time.{joint}", _stored((len(at),), partial(times.__getitem__, at), "s")
-            yield f"{self.name}.{field}.{joint}", _stored(values.shape, partial(_itself, values), _JOINT_FIELDS[field])
+                yield f"{self.name}.time.{joint}", _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
+            read = partial(np.asarray, values)
+            yield f"{self.name}.{field}.{joint}", _stored(values.shape, read, _JOINT_FIELDS[field])
 
     @cached_property
     def _joints(self) -> tuple[NDArray[Any], dict[tuple[str, str], tuple[NDArray[Any], NDArray[Any]]]]:
         """Times (n,), and for each field and joint the messages that hold it with its values in them."""
         stamps: list[int] = []
-        found: dict[tuple[str, str], tuple[list[int], list[float]]] = {}
+        joints: dict[tuple[str, str], tuple[list[int], list[float]]] = {}
         for number, (stamp, message) in enumerate(self._messages()):
             stamps.append(stamp)
             for field in _JOINT_FIELDS:
                 # A field that a robot does not measure is empty.
                 for joint, value in zip(message.name, getattr(message, field), strict=False):
-                    at, values = found.setdefault((field, joint), ([], []))
-                    at.append(number)
+                    numbers, values = joints.setdefault((field, joint), ([], []))
+                    numbers.append(number)
                     values.append(float(value))
-        return _seconds(stamps), {key: (np.array(at), np.array(values)) for key, (at, values) in found.items()}
+        return _seconds(stamps), {
+            key: (np.array(numbers), np.array(values)) for key, (numbers, values) in joints.items()
+        }
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[Any]]:
@@ -108,11 +109,11 @@ class _Topic:
             stamps.append(stamp)
             for field, values in _numbers(message).items():
                 columns.setdefault(field, []).append(values)
-        whole: dict[str, NDArray[Any]] = {"time": _seconds(stamps)}
+        arrays: dict[str, NDArray[Any]] = {"time": _seconds(stamps)}
         for field, parts in columns.items():
             is_even = len(parts) == len(stamps) and len({part.shape for part in parts}) == 1
-            whole[field] = np.stack(parts) if is_even else np.zeros(0)
-        return whole
+            arrays[field] = np.stack(parts) if is_even else np.zeros(0)
+        return arrays
 
     def _column(self, field: str) -> NDArray[Any]:
         values = self._columns[field]
@@ -130,30 +131,29 @@ class _Topic:
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Every number or short sequence of numbers of a message, by the path of its field; stamps are the time."""
-    found: dict[str, NDArray[Any]] = {}
+    """Every number or sequence of up to 64 numbers of a message, by the path of its field; stamps are the time.
+
+    Longer sequences are images, clouds and maps.
+    """
+    columns: dict[str, NDArray[Any]] = {}
     for field in fields(message):
         value, name = getattr(message, field.name), f"{prefix}{field.name}"
         if field.name.startswith("__") or field.name == "header":
             continue
         if is_dataclass(value):
-            found |= _numbers(value, f"{name}.")
+            columns |= _numbers(value, f"{name}.")
         elif isinstance(value, bool | int | float):
-            found[name] = np.asarray(value, dtype=np.float64)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= _MAX_COLUMNS:
-            found[name] = np.array(value, dtype=np.float64)
-    return found
+            columns[name] = np.asarray(value, dtype=np.float64)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= 64:
+            columns[name] = np.array(value, dtype=np.float64)
+    return columns
 
 
 def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
     return StoredArray(shape, np.dtype(np.float64), read, units)
 
 
-def _itself(values: NDArray[Any]) -> NDArray[Any]:
-    return values
-
-
 def _seconds(stamps: list[int]) -> NDArray[Any]:
     """Stamps in ns -> s from the first; the difference is taken first, since ns since 1970 need more than float64."""
-    whole = np.array(stamps, dtype=np.int64)
-    return np.asarray((whole - whole[0]) * 1e-9) if len(whole) else np.zeros(0)
+    ns = np.array(stamps, dtype=np.int64)
+    return np.asarray((ns - ns[0]) * 1e-9) if len(ns) else np.zeros(0)

@@ -29,9 +29,6 @@ _FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
     ("whitespace", "."),
     ("whitespace", ","),
 )
-# A format is guessed from the last lines of the first bytes of a file.
-_GUESS_BYTES = 65536
-_GUESS_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class TextLog:
         return dict(self.named_columns())
 
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
-        """The same, where headings may be there twice."""
+        """The same, where headings may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
@@ -115,7 +112,7 @@ class TextLog:
         return column - 1
 
     def _not_headed(self, channel: ChannelSpec) -> str:
-        """The headings in the place of a channel that is not there, and the line where the data were taken to start."""
+        """The message on a missing heading: those of the file, and the line where the data were taken to start."""
         start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
         return missing_channel(self.path, channel, self.shapes()) + start + otherwise_written(self.path, self.format)
 
@@ -154,9 +151,15 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
 def guess_format(path: Path) -> TextFormatSpec:
     """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
     with path.open("rb") as file:
-        lines = _decoded(file.read(_GUESS_BYTES)).splitlines()[-_GUESS_LINES - 1 : -1]
+        # The last 20 lines of the first 64 KiB.
+        lines = _decoded(file.read(65536)).splitlines()[-21:-1]
     formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _FORMATS]
-    return max(formats, key=lambda text: sum(_numbers_less_words(line, text) for line in lines))
+
+    def numbers_less_words(text: TextFormatSpec) -> int:
+        decimal = [line.replace(",", ".") if text.decimal == "," else line for line in lines]
+        return sum(1 if _is_number(field) else -1 for line in decimal for field in _fields(line, text))
+
+    return max(formats, key=numbers_less_words)
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
@@ -170,11 +173,6 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
-
-
-def _numbers_less_words(line: str, text: TextFormatSpec) -> int:
-    fields = _fields(line.replace(",", ".") if text.decimal == "," else line, text)
-    return sum(1 if _is_number(field) else -1 for field in fields)
 
 
 def _decoded(raw: bytes) -> str:

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import SupportsInt
 
-from elastid.base.arrays import FloatArray
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.note import Note
 
 
@@ -41,7 +43,7 @@ class Log:
     rate_hz: float | None = None
     first: int = 0
 
-    def at(self, sample: SupportsInt) -> str:
+    def time_of(self, sample: SupportsInt) -> str:
         """A sample by its number in the file and, where the rate is known, its time."""
         number = self.first + int(sample)
         return f"sample {number}" + ("" if self.rate_hz is None else f" ({number / self.rate_hz:.6g} s)")
@@ -53,3 +55,17 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
     for finding in findings:
         total[finding.kind] = total.get(finding.kind, 0) + finding.count
     return total
+
+
+def runs(flags: BoolArray, least: int = 1) -> IntArray:
+    """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
+    bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+    return np.asarray(bounds[bounds[:, 1] - bounds[:, 0] >= least])
+
+
+def in_runs(flags: BoolArray, least: int) -> BoolArray:
+    """The flags (n,) that belong to runs of at least so many."""
+    result = np.zeros(len(flags), dtype=np.bool_)
+    for start, end in runs(flags, least):
+        result[start:end] = True
+    return result

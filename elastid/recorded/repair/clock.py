@@ -9,11 +9,35 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.repeats import blocks, flat
+from elastid.recorded.repair.repeats import blocks, scaled
 
-# Correlation at the best delay at least; below, the signals are not the same.
-MIN_CORRELATION = 0.5
-_NEWTON_STEPS = 5
+GAPS = "samples missing in time"
+RESAMPLED = "samples resampled"
+# Half width W in samples and shape beta of the Kaiser window.
+_HALF_WIDTH, _BETA = 32, 9.0
+# The kernels of so many times are in memory together.
+_TIMES_AT_ONCE = 4096
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """Limits of delays, times and clocks; their false-alarm rates are not measured."""
+
+    # Correlation at the best delay at least; below, the signals are not the same.
+    min_correlation: float = 0.5
+    # Times may jitter by this part of a sample.
+    max_jitter: float = 0.3
+    # Quartz clocks differ by less; a period that is off by more is stated wrong.
+    max_error: float = 5e-4
+    # A smaller shift over the whole record, in samples, does no harm.
+    min_shift: float = 0.02
+    # Resampling must leave at most this part of the power that does not repeat.
+    max_remaining_share: float = 0.5
+    # A log may end this part of a period too early; the rest is taken from the period before.
+    max_missing_end: float = 5e-3
+
+
+CLOCK = ClockLimits()
 
 
 def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
@@ -28,11 +52,10 @@ def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, 
     X, Y = (np.fft.rfft(blocks(x, N).mean(axis=0)) for x in (first, second))
     C = Y * X.conj()
     C[0] = 0.0
-    together = np.fft.irfft(C, N)
+    rho = np.fft.irfft(C, N)
     size = np.sqrt(np.sum(np.abs(X[1:]) ** 2) * np.sum(np.abs(Y[1:]) ** 2))
-    at = int(np.argmax(together))
-    whole = at - N if at > N // 2 else at
-    tau = refined_shift(C, N, float(whole))
+    peak = int(np.argmax(rho))
+    tau = refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
     return tau, correlation(C, N, tau) / size if size > 0 else 0.0
 
 
@@ -44,7 +67,7 @@ def correlation(C: ComplexArray, N: int, shift: float) -> float:
 def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
     """The maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
     turns = _turns(C, N)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(5):
         phasor = C * np.exp(turns * shift)
         slope, bend = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
         if bend >= 0:
@@ -57,16 +80,6 @@ def _turns(C: ComplexArray, N: int) -> ComplexArray:
     return (2j * np.pi * np.arange(len(C)) / N).astype(np.complex128)
 
 
-GAPS = "samples missing in time"
-# Times may jitter by this part of a sample.
-_MAX_JITTER = 0.3
-# Half width W in samples and shape beta of the Kaiser window.
-_HALF_WIDTH = 32
-_BETA = 9.0
-# The kernels of so many times are in memory together.
-_TIMES_AT_ONCE = 4096
-
-
 def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
     """Signals (n, c) with a row of NaN for each sample that the times (n,) leave out.
 
@@ -74,25 +87,25 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     Raises DataError where times do not increase or lie between samples.
     """
     if not np.isfinite(time_s).all():
-        place = log.at(np.flatnonzero(~np.isfinite(time_s))[0])
+        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
         raise DataError(f"{log.where}: the time is missing at {place}; cut that part off with samples")
     steps = np.diff(time_s) * rate_hz
-    whole = np.round(steps).astype(np.int64)
-    bad = np.flatnonzero((whole < 1) | (np.abs(steps - whole) > _MAX_JITTER))
+    counts = np.round(steps).astype(np.int64)
+    bad = np.flatnonzero((counts < 1) | (np.abs(steps - counts) > CLOCK.max_jitter))
     if bad.size:
         raise DataError(
             f"{log.where}: {bad.size} of {len(steps)} steps in time are no whole samples at {rate_hz:g} Hz, the first "
-            f"after {log.at(bad[0])} of {steps[bad[0]] / rate_hz:.6g} s (median {np.median(np.diff(time_s)):.6g} s); "
-            "correct rate_hz, or resample the log evenly"
+            f"after {log.time_of(bad[0])} of {steps[bad[0]] / rate_hz:.6g} s "
+            f"(median {np.median(np.diff(time_s)):.6g} s); correct rate_hz, or resample the log evenly"
         )
-    row = np.concatenate([[0], np.cumsum(whole)])
+    row = np.concatenate([[0], np.cumsum(counts)])
     lost = int(row[-1]) + 1 - len(signals)
     if lost == 0:
         return Repaired(signals)
     result = np.full((int(row[-1]) + 1, signals.shape[1]), np.nan)
     result[row] = signals
-    gaps = np.flatnonzero(whole > 1)
-    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.at(gaps[0])}"
+    gaps = np.flatnonzero(counts > 1)
+    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.time_of(gaps[0])}"
     return Repaired(result, (Finding(GAPS, lost, text),))
 
 
@@ -124,7 +137,7 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     """Both ends continued periodically, each shifted so that a drift makes no jump."""
     n = len(x)
-    # Each end and what lies beyond it, seen one period further inside.
+    # Each end and its continuation, taken one period further inside.
     left = _inside(x, np.arange(-before, 1.0) + period, period)
     right = _inside(x, np.arange(n - 1.0, n + after) - period, period)
     return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
@@ -132,25 +145,11 @@ def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatAr
 
 def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     """Values at times that are at most one period outside."""
-    whole = round(period)
-    if period != whole and len(x) > period + 2 * _HALF_WIDTH:
-        return at_times(x, times, whole)
+    N = round(period)
+    if period != N and len(x) > period + 2 * _HALF_WIDTH:
+        return at_times(x, times, N)
     nearest = np.round(times).astype(np.int64)
-    return np.asarray(x[np.where(nearest < 0, nearest % whole, np.where(nearest < len(x), nearest, nearest - whole))])
-
-
-RESAMPLED = "samples resampled"
-# Quartz clocks differ by less; a period that is off by more is stated wrong.
-MAX_CLOCK_ERROR = 5e-4
-# A smaller shift over the whole record, in samples, does no harm.
-_MIN_SHIFT = 0.02
-# Resampling must leave at most this part of the power that does not repeat.
-_MAX_REMAINING_SHARE = 0.5
-# A log may end this part of a period too early; the rest is taken from the period before.
-_MAX_MISSING_END = 5e-3
-# Spacing of the shifts, in samples, among which the largest correlation is searched for.
-_SEARCH_STEP = 0.05
-_ROUNDS = 2
+    return np.asarray(x[np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, nearest - N))])
 
 
 @dataclass(frozen=True)
@@ -164,17 +163,14 @@ class ClockDrift:
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     """Excess of the period over N samples, from signals (n, c) that the generator sends."""
-    P = len(drivers) // N
-    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
-    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
-    Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)
+    Z = np.fft.rfft(scaled(drivers, N), axis=1)
     # The first period may hold a transient.
-    Z = Z[1:] if P > 3 else Z
+    Z = Z[1:] if len(Z) > 3 else Z
     far = max(1, len(Z) // 2)
     C, power = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
-    limit = MAX_CLOCK_ERROR * N + 1
-    grid = np.arange(-limit, limit + _SEARCH_STEP, _SEARCH_STEP)
+    limit = CLOCK.max_error * N + 1
+    grid = np.arange(-limit, limit + 0.05, 0.05)
     excess = refined_shift(C, N, float(grid[np.argmax([correlation(C, N, e) for e in grid])]))
     excess = refined_shift(C_far, N, far * excess) / far
     unshifted = correlation(C, N, 0.0)
@@ -194,32 +190,27 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     if P < 2:
         return Repaired(signals)
     drift = clock_drift(drivers, N)
-    is_small = abs(drift.excess) <= MAX_CLOCK_ERROR * N
-    if abs(drift.excess) * P < _MIN_SHIFT or not is_small or drift.left > _MAX_REMAINING_SHARE * drift.unexplained:
+    is_clock = CLOCK.min_shift <= abs(drift.excess) * P and abs(drift.excess) <= CLOCK.max_error * N
+    if not is_clock or drift.left > CLOCK.max_remaining_share * drift.unexplained:
         return Repaired(signals)
-    T = _period(drivers, N, drift)
-    whole = int((len(signals) + _MAX_MISSING_END * N) // T)
-    if whole < 2:
+    T = N + drift.excess
+    # Leakage biases the first estimate: corrected by the drift that is left after resampling.
+    for _ in range(2):
+        times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
+        T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
+    periods = int((len(signals) + CLOCK.max_missing_end * N) // T)
+    if periods < 2:
         raise DataError(
             f"{log.where}: its period is {T:.3f} samples instead of {N}, and the log holds fewer than two of them; "
             "measure more periods"
         )
-    result = at_times(signals, np.arange(whole * N, dtype=np.float64) * (T / N), T)
+    result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (
         f"the period is {T:.4f} samples instead of {N}: the clocks of generator and log differ by "
         f"{1e6 * (T / N - 1):.1f} ppm; resampled, {100 * drift.left / drift.unexplained:.2g} % of the power that "
         "did not repeat remains"
     )
     return Repaired(result, (Finding(RESAMPLED, len(result), text),))
-
-
-def _period(drivers: FloatArray, N: int, drift: ClockDrift) -> float:
-    """T in samples, corrected by the drift that is left after resampling: leakage biases the first estimate."""
-    T = N + drift.excess
-    for _ in range(_ROUNDS):
-        times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
-        T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
-    return T
 
 
 def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:

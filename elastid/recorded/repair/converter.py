@@ -2,39 +2,66 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair import Finding, Log, in_runs, runs
 from elastid.recorded.repair.repeats import blocks, flat
 
-# Noise of steps is reported from this part of the signal on.
-_MIN_NOISE_SHARE = 2e-3
-# A signal of steps takes few values: on average each at least so many times.
-_MIN_REPEATS = 3.0
-# Distance of a value from a whole number of steps, in steps, at most.
-_STEP_TOLERANCE = 0.02
+CLIPPED = "samples at a limit"
+
+
+@dataclass(frozen=True)
+class ConverterLimits:
+    """Limits of the findings on clipping and quantisation; their false-alarm rates are not measured."""
+
+    # Noise of steps is reported from this part of the signal on.
+    min_noise_share: float = 2e-3
+    # A signal of steps takes few values: on average each at least so many times.
+    min_repeats: float = 3.0
+    # Distance of a value from a whole number of steps, in steps, at most.
+    step_tolerance: float = 0.02
+    # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
+    max_step_share: float = 0.01
+    # So many equal samples in a row are no peak.
+    min_run: int = 2
+    # Between two visits to a limit the signal leaves it by this part of its span.
+    min_departure: float = 0.05
+    # A single peak of a period may be flat; a limit is met at several places of a period.
+    min_places: int = 3
+    # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
+    min_clipped_share: float = 0.002
+    max_clipped_share: float = 0.05
+    # A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least
+    # so many samples on each side.
+    max_rounding: float = 2.0
+    min_side_samples: int = 3
+    # Values this close, as a part of the span, are equal.
+    equal_tolerance: float = 1e-9
+
+
+LIMITS = ConverterLimits()
 
 
 def step(x: FloatArray) -> float:
     """The step q of a signal (n,), 0 where it has none: all finite values are whole steps apart, many of them equal."""
     values = np.unique(x[np.isfinite(x)])
-    if len(values) < 2 or len(x) < _MIN_REPEATS * len(values):
+    if len(values) < 2 or len(x) < LIMITS.min_repeats * len(values):
         return 0.0
     gaps = np.diff(values)
-    rounding = 1e-9 * np.abs(values).max()
-    gaps = gaps[gaps > rounding]
+    gaps = gaps[gaps > 1e-9 * np.abs(values).max()]
     if gaps.size == 0:
         return 0.0
-    smallest = float(gaps.min())
     # Many steps together give a more exact size than one.
-    q = float(gaps.sum() / np.round(gaps / smallest).sum())
-    return q if np.all(np.abs(gaps / q - np.round(gaps / q)) < _STEP_TOLERANCE) else 0.0
+    q = float(gaps.sum() / np.round(gaps / gaps.min()).sum())
+    return q if np.all(np.abs(gaps / q - np.round(gaps / q)) < LIMITS.step_tolerance) else 0.0
 
 
 def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
-    """A finding for each channel of signals (n, c) with a noise of steps that counts beside its repeating part."""
+    """A finding for each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
     findings = []
     for c, name in enumerate(log.names):
         q = step(signals[:, c])
@@ -42,7 +69,7 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
             continue
         X = flat(signals[:, c], L, sign)
         size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)
-        if noise < _MIN_NOISE_SHARE * size:
+        if noise < LIMITS.min_noise_share * size:
             continue
         change = np.diff(blocks(signals[:, c], L, sign), axis=0).std() / np.sqrt(2) if len(X) > 1 else np.inf
         hidden = " that repeats with the signal, so that the scatter of the periods hides it" if change < noise else ""
@@ -54,83 +81,54 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
     return tuple(findings)
 
 
-CLIPPED = "samples at a limit"
-# So many equal samples in a row are no peak.
-_MIN_RUN = 2
-# Between two visits to a limit the signal leaves it by this part of its span.
-_MIN_DEPARTURE = 0.05
-# A single peak of a period may be flat; a limit is met at several places of a period.
-_MIN_PLACES = 3
-# Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
-_MIN_CLIPPED_SHARE = 0.002
-_MAX_CLIPPED_SHARE = 0.05
-# A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least so
-# many samples on each side.
-_MAX_ROUNDING = 2.0
-_MIN_BESIDE = 3
-# Values this close, as a part of the span, are equal.
-_EQUAL_TOLERANCE = 1e-9
-# Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
-_MAX_STEP_SHARE = 0.01
-
-
 def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
     """A finding for each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
     findings = []
     for c, name in enumerate(log.names):
         x = signals[:, c]
         at_limit = _at_limit(x)
-        runs = _long_runs(at_limit) & ~_dwells(x, at_limit)
-        places = _visits(x, runs)
-        share = float(runs.mean())
-        if share < _MIN_CLIPPED_SHARE or places < _MIN_PLACES * max(1, len(x) // L):
+        clipped = in_runs(at_limit, LIMITS.min_run) & ~_dwells(x, at_limit)
+        share, n_clipped = float(clipped.mean()), int(clipped.sum())
+        if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
             continue
-        what = f"{name}: {int(runs.sum())} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
-        what += f"{np.min(x):.4g} and {np.max(x):.4g}"
-        if share > _MAX_CLIPPED_SHARE:
-            raise DataError(f"{log.where}: {what}: it is clipped; measure again with less torque or a wider range")
-        findings.append(Finding(CLIPPED, int(runs.sum()), f"{what}: clipped there, measure with less torque"))
+        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
+        text += f"{np.min(x):.4g} and {np.max(x):.4g}"
+        if share > LIMITS.max_clipped_share:
+            raise DataError(f"{log.where}: {text}: it is clipped; measure again with less torque or a wider range")
+        findings.append(Finding(CLIPPED, n_clipped, f"{text}: clipped there, measure with less torque"))
     return tuple(findings)
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
     """Flags (n,) of the samples at the highest or lowest value."""
     span = np.max(x) - np.min(x)
-    if step(x) > _MAX_STEP_SHARE * span:
+    if step(x) > LIMITS.max_step_share * span:
         return np.zeros(len(x), dtype=np.bool_)
-    return np.asarray((np.max(x) - x <= _EQUAL_TOLERANCE * span) | (x - np.min(x) <= _EQUAL_TOLERANCE * span))
+    return np.asarray(
+        (np.max(x) - x <= LIMITS.equal_tolerance * span) | (x - np.min(x) <= LIMITS.equal_tolerance * span)
+    )
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
-    """Flags (n,) of the runs in which a rounded signal turns: a parabola beside them goes no further than rounding."""
+    """Flags (n,) of the runs in which a rounded signal turns: a parabola through the neighbours explains the limit."""
     gaps = np.diff(np.sort(x))
-    gaps = gaps[gaps > _EQUAL_TOLERANCE * float(np.ptp(x))]
+    gaps = gaps[gaps > LIMITS.equal_tolerance * float(np.ptp(x))]
     rounding = float(gaps.min()) if gaps.size else 0.0
-    edges = np.diff(np.concatenate([[0], at_limit.astype(int), [0]]))
     dwells = np.zeros(len(x), dtype=np.bool_)
-    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-        reach = max(_MIN_BESIDE, int(end - start))
-        beside = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
-        if len(beside) < 2 * reach:
+    for start, end in runs(at_limit):
+        reach = max(LIMITS.min_side_samples, int(end - start))
+        sides = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
+        if len(sides) < 2 * reach:
             continue
-        t = (beside - (start + end - 1) / 2) / reach
-        peak = np.linalg.lstsq(np.vander(t, 3), x[beside] - x[start], rcond=None)[0][2]
-        dwells[start:end] = abs(peak) <= _MAX_ROUNDING * rounding
+        t = (sides - (start + end - 1) / 2) / reach
+        peak = np.linalg.lstsq(np.vander(t, 3), x[sides] - x[start], rcond=None)[0][2]
+        dwells[start:end] = abs(peak) <= LIMITS.max_rounding * rounding
     return dwells
 
 
-def _long_runs(flags: BoolArray) -> BoolArray:
-    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    long_runs = np.zeros(len(flags), dtype=np.bool_)
-    for start, end in zip(starts, ends, strict=True):
-        long_runs[start:end] = end - start >= _MIN_RUN
-    return long_runs
-
-
-def _visits(x: FloatArray, runs: BoolArray) -> int:
+def _visits(x: FloatArray, clipped: BoolArray) -> int:
     """Number of times that a signal comes to a limit from well away of it."""
     span = np.ptp(x)
-    is_away = (np.max(x) - x > _MIN_DEPARTURE * span) & (x - np.min(x) > _MIN_DEPARTURE * span)
-    state = (runs.astype(int) - is_away)[runs | is_away]
+    is_away = (np.max(x) - x > LIMITS.min_departure * span) & (x - np.min(x) > LIMITS.min_departure * span)
+    state = (clipped.astype(int) - is_away)[clipped | is_away]
     return int(np.sum(np.diff(state) == 2))

@@ -1,21 +1,121 @@
-"""Missing samples (NaN): filled from the same phase of other repetitions, or interpolated without a period."""
+"""Samples that a logger lost or doubled, and missing ones (NaN), filled from other repetitions or interpolated.
+
+From a lost or doubled sample on every period is shifted by whole samples.  The place is where the sum of squares, with
+the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
+taken out, so that all periods are in step again.  Missing samples are filled from the same phase of other repetitions,
+or interpolated without a period.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.repeats import expected
+from elastid.recorded.repair import Finding, Log, Repaired, runs
+from elastid.recorded.repair.repeats import expected, scaled
 
+DROPPED = "lost samples put back"
+DOUBLED = "doubled samples taken out"
 FILLED = "missing samples filled"
-# A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
-_MAX_MISSING_OF_REPETITION = 0.1
-# A channel that lacks more than this part is refused.
-_MAX_MISSING_SHARE = 1 / 3
-# Good samples on either side of a gap that give the distance of the signal from the other repetitions.
-_SAMPLES_BESIDE = 8
+INTERPOLATED = "missing samples interpolated"
+# Good samples on each side of a gap without a period that its cubic goes through.
+_CUBIC_SAMPLES = 2
+
+
+@dataclass(frozen=True)
+class MissingLimits:
+    """Limits of the search for shifts and of the filling of gaps; their false-alarm rates are not measured."""
+
+    # Periods in which shifts are searched for, at least.
+    min_periods: int = 4
+    # Larger shifts, as a part of the period, have other causes.
+    max_shift: float = 0.02
+    # A shift must leave at most this part of the power that does not repeat.
+    max_remaining_share: float = 0.5
+    # A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
+    max_missing_of_repetition: float = 0.1
+    # A channel that lacks more than this part is refused.
+    max_missing_share: float = 1 / 3
+    # Without a period: samples of a gap at most, and the part of a channel that may be missing.
+    max_gap: int = 2
+    max_interpolated_share: float = 0.01
+
+
+LIMITS = MissingLimits()
+
+
+def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Repaired:
+    """Signals (n, c) with all periods in step, from the shifts of drivers (n, d), finite signals of the generator.
+
+    Unchanged where there are fewer than four periods, no shift, or one at most periods (a wrong period).
+    """
+    P = len(drivers) // N
+    if LIMITS.min_periods > P:
+        return Repaired(signals)
+    X = scaled(drivers, N)
+    if 2 * np.count_nonzero(_best_lags(_cross(X[1:], X[:-1]))) >= P - 1:
+        return Repaired(signals)
+    reference = _reference(X)
+    lags = _lags(X, reference)
+    jumps = np.flatnonzero(np.diff(lags)) + 1
+    if jumps.size == 0:
+        return Repaired(signals)
+    result, findings, moved = signals, [], 0
+    for p in jumps:
+        old, new = int(lags[p - 1]), int(lags[p])
+        place = (p - 1) * N + _split(X[p - 1 : p + 1].reshape(2 * N, -1), reference, old, new)
+        row, change = place + moved, new - old
+        if change < 0:
+            gap = np.full((-change, signals.shape[1]), np.nan)
+            result = np.concatenate([result[:row], gap, result[row:]])
+            text = f"{-change} samples are lost near {log.time_of(place)}: put back as missing ones"
+        else:
+            text = f"{change} samples are there twice near {log.time_of(place)}: taken out"
+            result = np.concatenate([result[:row], result[row + change :]])
+        findings.append(Finding(DROPPED if change < 0 else DOUBLED, abs(change), text))
+        moved -= change
+    return Repaired(result, tuple(findings))
+
+
+def _reference(X: FloatArray) -> FloatArray:
+    """The mean (N, d) of the two consecutive periods that agree best, later ones first where all do."""
+    apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
+    best = len(apart) - 1 - int(np.argmin(apart[::-1]))
+    return np.asarray((X[best] + X[best + 1]) / 2)
+
+
+def _cross(X: FloatArray, reference: FloatArray) -> FloatArray:
+    """Circular cross-correlation (P, N) of periods (P, N, d) with one (N, d) or with one for each."""
+    F = np.fft.rfft(X, axis=1) * np.fft.rfft(reference, axis=-2).conj()
+    return np.fft.irfft(F.sum(axis=2), X.shape[1], axis=1)
+
+
+def _best_lags(together: FloatArray) -> IntArray:
+    """The lag (P,), within 2 % of the period, of the highest correlation."""
+    reach = max(2, int(LIMITS.max_shift * together.shape[1]))
+    offsets = np.arange(-reach, reach + 1)
+    return np.asarray(offsets[np.argmax(together[:, offsets], axis=1)])
+
+
+def _lags(X: FloatArray, reference: FloatArray) -> IntArray:
+    """Shift (P,) of each period, X_p(t) = reference(t - lag); the most frequent one where another explains little."""
+    together = _cross(X, reference)
+    best = _best_lags(together)
+    values, counts = np.unique(best, return_counts=True)
+    usual = int(values[np.argmax(counts)])
+    power = np.sum(X**2, axis=(1, 2)) + np.sum(reference**2)
+    left, unexplained = (power - 2 * together[np.arange(len(X)), lag] for lag in (best, usual))
+    return np.where(left < LIMITS.max_remaining_share * unexplained, best, usual)
+
+
+def _split(x: FloatArray, reference: FloatArray, old: int, new: int) -> int:
+    """Sample of two periods (2 N, d) at which the shift changes."""
+    twice = np.tile(reference, (2, 1))
+    before, after = (np.sum((x - np.roll(twice, lag, axis=0)) ** 2, axis=1) for lag in (old, new))
+    return int(np.argmin(np.concatenate([[0.0], np.cumsum(before - after)])))
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
@@ -25,24 +125,29 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     than two repetitions are left.
     """
     P = len(signals) // L
-    whole = signals[: P * L]
-    good = np.isfinite(whole)
+    periodic = signals[: P * L]
+    good = np.isfinite(periodic)
     if good.all():
-        return Repaired(whole)
-    result, findings = whole.copy(), []
+        return Repaired(periodic)
+    result, findings = periodic.copy(), []
     for c in np.flatnonzero(~good.all(axis=0)):
+        missing = np.flatnonzero(~good[:, c])
         _check(good[:, c], P, L, log, int(c))
-        result[:, c] = _filled(whole[:, c], good[:, c], L, sign)
-        findings.append(Finding(FILLED, int(np.sum(~good[:, c])), _text(good[:, c], log, int(c))))
+        result[:, c] = _filled(periodic[:, c], good[:, c], L, sign)
+        text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
+        findings.append(Finding(FILLED, missing.size, f"{text}: filled from the same phase of the other periods"))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = np.flatnonzero(lacking > _MAX_MISSING_OF_REPETITION)
+    left_out = np.flatnonzero(lacking > LIMITS.max_missing_of_repetition)
+    limit = f"{LIMITS.max_missing_of_repetition:.0%}"
     if P - len(left_out) < 2:
         raise DataError(
-            f"{log.where}: {len(left_out)} of {P} repetitions lack more than {_MAX_MISSING_OF_REPETITION:.0%} of their "
-            "samples, and two are needed; measure again, or cut the bad part off with samples"
+            f"{log.where}: {len(left_out)} of {P} repetitions lack more than {limit} of their samples, and two are "
+            "needed; measure again, or cut the bad part off with samples"
         )
     if left_out.size:
-        findings.append(_left_out(left_out, P))
+        numbers = ", ".join(str(p + 1) for p in left_out)
+        text = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
+        findings.append(Finding("repetitions left out", len(left_out), text))
     return Repaired(result, tuple(findings), tuple(int(p) for p in left_out))
 
 
@@ -51,11 +156,11 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
     shape = expected(x, L, sign, good, robust=False)
     away = np.where(good, x - shape, 0.0)
     known = np.flatnonzero(good)
-    edges = np.diff(np.concatenate([[0], (~good).astype(int), [0]]))
     result = np.where(good, x, shape)
-    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+    for start, end in runs(~good):
         i = int(np.searchsorted(known, start))
-        before, after = known[max(0, i - _SAMPLES_BESIDE) : i], known[i : i + _SAMPLES_BESIDE]
+        # Eight good samples on either side give the distance of the signal from the other repetitions.
+        before, after = known[max(0, i - 8) : i], known[i : i + 8]
         sides = [side for side in (before, after) if side.size]
         places, offsets = ([float(values[side].mean()) for side in sides] for values in (np.arange(len(x)), away))
         result[start:end] += np.interp(np.arange(start, end), places, offsets)
@@ -64,38 +169,19 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
 
 def _check(good: BoolArray, P: int, L: int, log: Log, c: int) -> None:
     missing = np.flatnonzero(~good)
-    what = f"{log.where}: {log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite)"
-    if missing.size > _MAX_MISSING_SHARE * len(good):
-        raise DataError(f"{what}, the first is {log.at(missing[0])}; measure again, or cut them off with samples")
+    text = f"{log.where}: {_missing(missing, good, log, c)}"
+    if missing.size > LIMITS.max_missing_share * len(good):
+        raise DataError(f"{text}, the first is {log.time_of(missing[0])}; measure again, or cut them off with samples")
     lost = np.flatnonzero(~good.reshape(P, L).any(axis=0))
     if lost.size:
         raise DataError(
-            f"{what}, and {lost.size} of them in every period at the same place, the first {log.at(lost[0])}: no other "
-            "period has that phase; measure again, or cut them off with samples"
+            f"{text}, and {lost.size} of them in every period at the same place, the first {log.time_of(lost[0])}: no "
+            "other period has that phase; measure again, or cut them off with samples"
         )
 
 
-def _text(good: BoolArray, log: Log, c: int) -> str:
-    missing = np.flatnonzero(~good)
-    return (
-        f"{log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite), the first is "
-        f"{log.at(missing[0])}: filled from the same phase of the other periods"
-    )
-
-
-def _left_out(left_out: IntArray, P: int) -> Finding:
-    numbers = ", ".join(str(p + 1) for p in left_out)
-    limit = f"{_MAX_MISSING_OF_REPETITION:.0%}"
-    text = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
-    return Finding("repetitions left out", len(left_out), text)
-
-
-INTERPOLATED = "missing samples interpolated"
-# Samples of a gap at most, and the part of a channel that may be missing.
-_MAX_GAP = 2
-_MAX_INTERPOLATED_SHARE = 0.01
-# Samples on each side of a gap that its cubic goes through.
-_INTERPOLATION_SAMPLES = 2
+def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
+    return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite)"
 
 
 def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
@@ -106,32 +192,21 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
         missing = np.flatnonzero(~good)
         if missing.size == 0:
             continue
-        what = f"{log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite), the first is "
-        what += log.at(missing[0])
-        runs = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1)
-        is_inside = missing[0] >= _INTERPOLATION_SAMPLES and missing[-1] < len(good) - _INTERPOLATION_SAMPLES
-        is_short = max(map(len, runs)) <= _MAX_GAP and missing.size <= _MAX_INTERPOLATED_SHARE * len(good)
-        if not (is_inside and is_short):
-            first, last = _longest_piece(np.asarray(np.isfinite(signals).all(axis=1)))
+        text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
+        gaps = runs(~good)
+        is_inside = missing[0] >= _CUBIC_SAMPLES and missing[-1] < len(good) - _CUBIC_SAMPLES
+        is_short = np.ptp(gaps, axis=1).max() <= LIMITS.max_gap
+        if not (is_inside and is_short and missing.size <= LIMITS.max_interpolated_share * len(good)):
+            pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
+            first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(
-                f"{log.where}: {what}, and a record without a period has no other one to fill them from; the longest "
+                f"{log.where}: {text}, and a record without a period has no other one to fill them from; the longest "
                 f"piece without gaps is samples: [{log.first + first}, {log.first + last}]: use that, or measure again"
             )
-        for run in runs:
-            beside = np.flatnonzero(good[: run[0]])[-_INTERPOLATION_SAMPLES:].tolist()
-            beside += (run[-1] + 1 + np.flatnonzero(good[run[-1] + 1 :])[:_INTERPOLATION_SAMPLES]).tolist()
-            cubic = np.polynomial.Polynomial.fit(beside, signals[beside, c], 3)
-            result[run, c] = cubic(run)
-        findings.append(
-            Finding(INTERPOLATED, int(missing.size), f"{what}: interpolated between the samples beside them")
-        )
+        for start, end in gaps:
+            sides = np.flatnonzero(good[:start])[-_CUBIC_SAMPLES:].tolist()
+            sides += (end + np.flatnonzero(good[end:])[:_CUBIC_SAMPLES]).tolist()
+            cubic = np.polynomial.Polynomial.fit(sides, signals[sides, c], 3)
+            result[start:end, c] = cubic(np.arange(start, end))
+        findings.append(Finding(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours"))
     return Repaired(result, tuple(findings))
-
-
-def _longest_piece(good: BoolArray) -> tuple[int, int]:
-    edges = np.diff(np.concatenate([[0], good.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if starts.size == 0:
-        return 0, 0
-    best = int(np.argmax(ends - starts))
-    return int(starts[best]), int(ends[best])

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.recorded.repair import Finding, Log
 
-# Offsets and shape depend on each other where samples are missing; so many rounds make them converge.
-_ROUNDS = 5
-# A sample further from its line than so many median distances has no weight in it.
-_MAX_MEDIAN_DISTANCES = 9.0
+
+@dataclass(frozen=True)
+class DriftLimits:
+    """Limits of the finding on drift; its false-alarm rate is not measured."""
+
+    # A line is excited where the drivers have this part of the power of their strongest line.
+    min_excited_share: float = 1e-3
+    # Power of the drift over the repeating part from which on it is reported: below the excited lines, and in their
+    # lowest octave.
+    min_drift_power: float = 0.25
+    min_leaked_power: float = 0.01
+
+
+LIMITS = DriftLimits()
 
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
@@ -27,12 +39,14 @@ def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) ->
     X = np.where(blocks(good.astype(float), L) > 0, blocks(x, L, sign), np.nan)
     t = np.linspace(-0.5, 0.5, L)
     line = np.zeros_like(X)
-    for _ in range(_ROUNDS):
+    # Offsets and shape depend on each other where samples are missing; so many rounds make them converge.
+    for _ in range(5):
         away = X - _average(X - line, robust=True)
         from_line = np.abs(away - line)
         # A repetition without a good sample has no line of its own.
         from_line[~np.isfinite(from_line).any(axis=1)] = 0.0
-        near = from_line <= _MAX_MEDIAN_DISTANCES * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
+        # A sample further from its line than so many median distances has no weight in it.
+        near = from_line <= 9.0 * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
         line = _lines(np.where(near, away, np.nan), t)
     common = line + _average(X - line, robust)
     return np.asarray((common * float(sign) ** np.arange(len(X))[:, None]).ravel())
@@ -42,6 +56,13 @@ def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the repetitions of a signal, each without its mean and its slope (least squares)."""
     X = blocks(x, L, sign)
     return np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+
+
+def scaled(drivers: FloatArray, N: int) -> FloatArray:
+    """X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
+    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
+    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
+    return np.asarray(X / np.where(size > 0, size, 1.0))
 
 
 def _average(X: FloatArray, robust: bool) -> FloatArray:
@@ -67,26 +88,21 @@ def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray(mean_x[:, None] + slope[:, None] * (t - mean_t[:, None]))
 
 
-# A line is excited where the drivers have this part of the power of their strongest line.
-_MIN_EXCITED_SHARE = 1e-3
-# Power of the drift over the repeating part from which on it is reported: below the excited lines, and in their lowest
-# octave.
-_MIN_DRIFT_POWER = 0.25
-_MIN_LEAKED_POWER = 0.01
-
-
 def find_drift(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
     """A finding for each channel of signals (n, c), no driver, that drifts below the excited lines, slope removed."""
     means = np.stack([blocks(signals[:, d], L, sign).mean(axis=0) for d in drivers])
     sent = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)[1:]
-    lowest = 1 + int(np.flatnonzero(sent > _MIN_EXCITED_SHARE * sent.max())[0])
+    lowest = 1 + int(np.flatnonzero(sent > LIMITS.min_excited_share * sent.max())[0])
     findings = []
     for c in range(signals.shape[1]):
-        repeating, rest = _spectra(signals[:, c], L, sign)
+        X = flat(signals[:, c], L, sign)
+        mean = X.mean(axis=0)
+        repeating = np.abs(np.fft.rfft(mean)) ** 2
+        rest = np.mean(np.abs(np.fft.rfft(X - mean, axis=1)) ** 2, axis=0)
         octave = slice(lowest, 2 * lowest + 1)
         size = float(np.sqrt(rest[:lowest].sum() / max(repeating.sum(), 1e-300)))
-        is_there = size**2 > _MIN_DRIFT_POWER and rest[octave].sum() > _MIN_LEAKED_POWER * repeating[octave].sum()
-        if c in drivers or not is_there:
+        leaks = rest[octave].sum() > LIMITS.min_leaked_power * repeating[octave].sum()
+        if c in drivers or not (size**2 > LIMITS.min_drift_power and leaks):
             continue
         text = (
             f"{log.names[c]}: moves slowly without repeating, {size:.2g} times as far as with the excitation; its "
@@ -94,10 +110,3 @@ def find_drift(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: L
         )
         findings.append(Finding("drifting channels", 1, text))
     return tuple(findings)
-
-
-def _spectra(x: FloatArray, L: int, sign: int) -> tuple[FloatArray, FloatArray]:
-    """Power of the mean of the repetitions, and mean power of their deviations from it, line by line from 0."""
-    X = flat(x, L, sign)
-    mean = X.mean(axis=0)
-    return np.abs(np.fft.rfft(mean)) ** 2, np.mean(np.abs(np.fft.rfft(X - mean, axis=1)) ** 2, axis=0)

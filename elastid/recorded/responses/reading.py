@@ -9,7 +9,7 @@ into the requested one. H takes out the hold of a command, as in Y = G H U: 1 fo
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,18 +20,14 @@ from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.experiment.specs.structure import Places, input_units
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import ArrayLog, Log, StoredArray
+from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
-from elastid.recorded.responses.arrays import dataset_table, struct_table, structs_in
-from elastid.recorded.responses.table import ResponseTable, text_table
+from elastid.recorded.responses.table import ResponseTable, dataset_table, struct_table, structs_in, text_table
 from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
-
-# Squares of smaller values, and their products, vanish.
-_MIN_COMPUTABLE = 1e-60
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
@@ -41,7 +37,7 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
     with opened_log(path, spec.text) as log:
         if isinstance(log, TextLog):
             return text_table(path, log, spec)
-        arrays = _arrays(log)
+        arrays = log.arrays if isinstance(log, ArrayLog) else {}
         is_matlab = path.suffix.lower() == ".mat"
         if structs_in(arrays) or (is_matlab and spec.columns.response not in arrays):
             return struct_table(path, arrays, response)
@@ -53,7 +49,7 @@ def contents_of(path: Path) -> tuple[str, ...]:
     if is_universal_file(path):
         return uff_contents(path)
     with opened_log(path, guess_format(path)) as log:
-        arrays = _arrays(log)
+        arrays = log.arrays if isinstance(log, ArrayLog) else {}  # a text has none
         tables = [(name, struct_table(path, arrays, name)) for name in structs_in(arrays)]
     return tuple(
         f"response {name or '(its own variables)'}: {table.G.shape[1]} outputs x {table.G.shape[2]} inputs, "
@@ -61,11 +57,6 @@ def contents_of(path: Path) -> tuple[str, ...]:
         f"{'' if table.variance is None else ', with variance'}"
         for name, table in tables
     )
-
-
-def _arrays(log: Log) -> Mapping[str, StoredArray]:
-    """The arrays of a log; a text has none."""
-    return log.arrays if isinstance(log, ArrayLog) else {}
 
 
 def link_side_response(
@@ -77,7 +68,7 @@ def link_side_response(
     (relative_std |G|)^2, else none.  Raises DataError where no line is left or a channel is not in the table.
     """
     outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
-    rows, columns = [table.row(c) for c in outputs], [table.column(c) for c in inputs]
+    rows, columns = ([table.index(c) for c in side] for side in (outputs, inputs))
     freq_hz = table.freq_hz(spec.frequency_unit)
     order = np.argsort(freq_hz, kind="stable")
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
@@ -93,7 +84,7 @@ def link_side_response(
         good &= np.isfinite(variance).all(axis=(1, 2))
     notes = _left_out(table, freq_hz, good)
     freq_hz, G = freq_hz[good], G[good]
-    _refuse_uncomputable(table.path, G, spec)
+    _refuse_uncomputable(table.path, G, outputs, inputs)
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
@@ -102,6 +93,8 @@ def link_side_response(
     G = T_y @ (gain_of_elements * G) @ T_u
     if variance is not None:
         variance = T_y**2 @ (variance[good] * np.abs(gain_of_elements) ** 2) @ T_u**2
+    elif spec.relative_std is not None:
+        variance = (spec.relative_std * np.abs(G)) ** 2
     return FrequencyResponse(
         freq_hz,
         G,
@@ -109,7 +102,8 @@ def link_side_response(
         tuple(c.at for c in outputs),
         quantity,
         configuration,
-        noise=_noise(variance, np.abs(G), spec),
+        # Taken as exact: a file does not hold its degrees of freedom.
+        noise=None if variance is None else Covariance(variance, float("inf")),
         notes=notes,
         sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
         input_units=input_units(inputs, robot),
@@ -130,10 +124,7 @@ def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
 
 
 def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
-    r"""H (F, n_u) of the inputs, 1 for one that is not held; DataError for lines above half the rate of a command.
-
-    .. math:: H = e^{-j \pi f T} \frac{\sin \pi f T}{\pi f T}, \quad T = 1 / rate\_hz
-    """
+    """H (F, n_u) of the inputs, 1 for one that is not held; DataError for lines above half the rate of a command."""
     H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
     for j, channel in enumerate(inputs):
         rate_hz = _held_rate_hz(channel, spec)
@@ -144,30 +135,24 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
                 f"{path}: its lines reach {freq_hz[-1]:g} Hz, and {channel.name_in_file} is a command held at "
                 f"{rate_hz:g} Hz, which excites up to {rate_hz / 2:g} Hz; correct rate_hz, or keep the lines below it"
             )
-        phase = freq_hz / rate_hz
-        H[:, j] = np.exp(-1j * np.pi * phase) * np.sinc(phase)
+        H[:, j] = zero_order_hold(freq_hz / rate_hz)
     return H
 
 
-def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:
+def _refuse_uncomputable(
+    path: Path, G: ComplexArray, outputs: Sequence[ChannelSpec], inputs: Sequence[ChannelSpec]
+) -> None:
     """DataError for numbers whose squares overflow or vanish; zeros are allowed."""
     size = np.abs(np.where(G == 0, 1.0, G))
-    worst = np.argwhere((size < _MIN_COMPUTABLE) | (size > MAX_COMPUTABLE))
+    # Squares of smaller values, and their products, vanish.
+    worst = np.argwhere((size < 1e-60) | (size > MAX_COMPUTABLE))
     if not worst.size:
         return
     line, i, j = worst[0]
-    outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
     raise DataError(
         f"{path}: the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is {size[line, i, j]:.3g} at "
         f"{len(worst)} places, which no sensor measures; check the file's placeholder for missing values"
     )
-
-
-def _noise(variance: FloatArray | None, magnitude: FloatArray, spec: ResponsesSpec) -> Covariance | None:
-    """Covariance of the file or of relative_std, taken as exact: a file does not hold its degrees of freedom."""
-    if variance is None and spec.relative_std is not None:
-        variance = (spec.relative_std * magnitude) ** 2
-    return None if variance is None else Covariance(variance, float("inf"))
 
 
 def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
@@ -175,9 +160,7 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
         return ()
     if not good.any():
         raise DataError(f"{table.path}: none of its {len(good)} lines is finite and above 0 Hz in all of its elements")
-    static = int(np.sum(freq_hz <= 0))
-    what = [f"{static} at 0 Hz" if static else "", f"{int(np.sum(~good)) - static} not finite"]
-    words = " and ".join(word for word in what if word and not word.startswith("0 "))
-    return (
-        Note("lines-left-out", f"{int(np.sum(~good))} of {len(good)} lines are left out: {words}", table.path.name),
-    )
+    n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
+    reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, "not finite")) if n]
+    text = f"{n_out} of {len(good)} lines are left out: {' and '.join(reasons)}"
+    return (Note("lines-left-out", text, table.path.name),)

@@ -1,7 +1,13 @@
-"""ResponseTable: a frequency response as a file holds it before its rows and columns are named, and its CSV form."""
+"""ResponseTable: a frequency response as a file holds it, from columns of a text, MATLAB structs and HDF5 datasets.
+
+A struct has the fields of an idfrd object: ResponseData (n_y, n_u, F), Frequency and FrequencyUnit (or Units), and
+optionally CovarianceData (n_y, n_u, F, 2, 2) of real and imaginary part, InputName and OutputName.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +16,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
@@ -23,6 +30,13 @@ _IN_HZ = {
     "khz": 1e3,
     "rpm": 1 / 60,
 }
+
+_DATA = "ResponseData"
+HOW_TO_SAVE = (
+    "an idfrd object itself cannot be read outside MATLAB; save it as a struct: s = struct('ResponseData', "
+    "G.ResponseData, 'Frequency', G.Frequency, 'FrequencyUnit', G.FrequencyUnit, 'CovarianceData', "
+    "G.CovarianceData); save('frf.mat', 's', '-v7')"
+)
 
 
 @frozen_value
@@ -47,9 +61,9 @@ class ResponseTable:
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
             raise DataError(f"{self.path}: {len(self.freq)} frequencies and a response of shape {self.G.shape}")
-        for what, names, n in (("outputs", self.outputs, rows), ("inputs", self.inputs, columns)):
+        for kind, names, n in (("outputs", self.outputs, rows), ("inputs", self.inputs, columns)):
             if names and len(names) != n:
-                raise DataError(f"{self.path}: {len(names)} names of {n} {what}: {', '.join(names)}")
+                raise DataError(f"{self.path}: {len(names)} names of {n} {kind}: {', '.join(names)}")
         if self.variance is not None and self.variance.shape != self.G.shape:
             raise DataError(f"{self.path}: the variance has shape {self.variance.shape}, the response {self.G.shape}")
 
@@ -58,26 +72,22 @@ class ResponseTable:
         name = self.frequency_unit if unit == "auto" else unit
         known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if known not in _IN_HZ:
-            said = f"its unit of frequency is '{name}'" if name else "it does not say the unit of its frequencies"
-            raise DataError(f"{self.path}: {said}; set frequency_unit to Hz, rad/s, kHz or rpm")
+            problem = f"its unit of frequency is '{name}'" if name else "it does not say the unit of its frequencies"
+            raise DataError(f"{self.path}: {problem}; set frequency_unit to Hz, rad/s, kHz or rpm")
         return self.freq * _IN_HZ[known]
 
-    def row(self, channel: ChannelSpec) -> int:
-        """Row of an output; DataError with those that there are."""
-        return self._index(channel, "output", self.outputs, self.G.shape[1])
-
-    def column(self, channel: ChannelSpec) -> int:
-        """Column of an input; DataError with those that there are."""
-        return self._index(channel, "input", self.inputs, self.G.shape[2])
-
-    def _index(self, channel: ChannelSpec, what: str, names: tuple[str, ...], n: int) -> int:
+    def index(self, channel: ChannelSpec) -> int:
+        """Row of an output or column of an input; DataError with those in the table."""
+        kind, names, n = "output", self.outputs, self.G.shape[1]
+        if channel.role == "u":
+            kind, names, n = "input", self.inputs, self.G.shape[2]
         name = label(channel)
         if name in names:
             return names.index(name)
         if not channel.channel and channel.column is not None and channel.column <= n:
             return channel.column - 1
-        there = f"there are {', '.join(names)}" if names else f"there are {n}, named by column: 1 to {n}"
-        raise DataError(f"{self.path}: no {what} is '{name}'; {there}")
+        listed = ", ".join(names) or f"{n}, named by column: 1 to {n}"
+        raise DataError(f"{self.path}: no {kind} is '{name}'; there are {listed}")
 
 
 def label(channel: ChannelSpec) -> str:
@@ -100,14 +110,17 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
         path,
         _columns(path, log, [columns.frequency])[:, 0],
         "Hz",
-        _polar(first, second, spec) if columns.magnitude else first + 1j * second,
+        _phasors(first, second, spec),
         outputs,
         inputs,
         elements(columns.std) ** 2 if columns.std else None,
     )
 
 
-def _polar(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> ComplexArray:
+def _phasors(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> ComplexArray:
+    """G from magnitude and phase or, where no magnitude is stated, from real and imaginary part."""
+    if not spec.columns.magnitude:
+        return magnitude + 1j * phase
     if spec.columns.magnitude_unit == "dB":
         magnitude = 10 ** (magnitude / 20)
     angle = np.radians(phase) if spec.columns.phase_unit == "deg" else phase
@@ -117,9 +130,114 @@ def _polar(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> Com
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     missing = [name for name in names if name not in log.headings]
     if missing:
-        there = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
+        listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         raise DataError(
             f"{path}: no column {', '.join(missing)}; give their names under columns ({{y}}, {{u}} stand for the "
-            f"channels). There are {there}"
+            f"channels). There are {listed}"
         )
     return log.columns([log.headings.index(name) for name in names])
+
+
+def structs_in(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
+    """The variables that hold a frequency response; an empty text for one whose fields are variables themselves."""
+    names = (re.fullmatch(rf"(?:(.+)\.)?{_DATA}(?:\.(?:real|imag))?", key) for key in leaves)
+    return tuple(dict.fromkeys(match.group(1) or "" for match in names if match))
+
+
+def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
+    """The response in a struct; DataError where it or one of its fields is missing."""
+    structs = structs_in(leaves)
+    if not name and len(structs) == 1:
+        name = structs[0]
+    if name not in structs:
+        listed = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
+        raise DataError(f"{path}: no response '{name}' in it (name it with response); responses in it: {listed}")
+    prefix = f"{name}." if name else ""
+    if f"{prefix}Frequency" not in leaves:
+        raise DataError(f"{path}: {prefix}{_DATA} has no {prefix}Frequency; save the frequencies, too")
+    data = complex_array(leaves, f"{prefix}{_DATA}")
+    assert data is not None  # it is listed by structs_in
+    G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
+    texts = {
+        key: _text(leaves[prefix + key]) for key in ("FrequencyUnit", "Units", "TimeUnit") if prefix + key in leaves
+    }
+    unit = texts.get("FrequencyUnit") or texts.get("Units", "")
+    if "timeunit" in unit.lower() and texts.get("TimeUnit", "").lower() not in ("", "seconds", "s"):
+        raise DataError(f"{path}: {prefix}TimeUnit is not seconds; set frequency_unit, or save it in rad/s")
+    return ResponseTable(
+        path,
+        np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64)),
+        unit,
+        G,
+        _names(leaves, f"{prefix}OutputName"),
+        _names(leaves, f"{prefix}InputName"),
+        _variance(path, leaves.get(f"{prefix}CovarianceData"), G),
+    )
+
+
+def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: ResponsesSpec) -> ResponseTable:
+    """The response in plain HDF5 datasets (or MATLAB variables), named under `columns`; DataError for a missing one."""
+    columns = spec.columns
+    G = complex_array(leaves, columns.response)
+    if G is None or columns.frequency not in leaves:
+        lacking = columns.response if G is None else columns.frequency
+        listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
+        raise DataError(f"{path}: no {lacking} in it; name response and frequency under columns. There are {listed}")
+    freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
+    std = complex_array(leaves, columns.std) if columns.std else None
+    if columns.std and std is None:
+        raise DataError(f"{path}: no {columns.std} in it; correct columns.std, or leave it out")
+    return ResponseTable(
+        path,
+        freq,
+        leaves[columns.frequency].units or "Hz",
+        _frequency_first(path, G, len(freq), spec),
+        variance=None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2,
+    )
+
+
+def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray | None:
+    """A complex array, in one piece or in fields real and imag as MATLAB writes them; None where it is missing."""
+    if name in leaves:
+        return np.asarray(leaves[name]).astype(np.complex128)
+    for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
+        if all(f"{name}.{part}" in leaves for part in parts):
+            real, imaginary = (np.asarray(leaves[f"{name}.{part}"], dtype=np.float64) for part in parts)
+            return (real + 1j * imaginary).astype(np.complex128)
+    return None
+
+
+def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpec) -> ComplexArray:
+    axes = [axis for axis, n in enumerate(array.shape) if n == F]
+    if not axes or array.ndim > 3:
+        raise DataError(
+            f"{path}: {spec.columns.response} has shape {array.shape}, and there are {F} frequencies; one of at most "
+            "three axes must have their length"
+        )
+    first = np.moveaxis(array, axes[0], 0)
+    if first.ndim == 3:
+        return first
+    n_u = sum(channel.role == "u" for channel in spec.channels)
+    return first.reshape(F, -1, 1) if first.ndim == 1 or n_u == 1 else first.reshape(F, 1, -1)
+
+
+def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> FloatArray | None:
+    """E|dG|^2 is the sum of the variances of real and imaginary part."""
+    if covariance is None or 0 in covariance.shape:
+        return None
+    C = np.asarray(covariance, dtype=np.float64)
+    F, n_y, n_u = G.shape
+    if C.size != F * n_y * n_u * 4 or C.shape[-2:] != (2, 2):
+        raise DataError(f"{path}: CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}")
+    return np.asarray(np.moveaxis(np.einsum("yukaa->yuk", C.reshape(n_y, n_u, F, 2, 2)), 2, 0))
+
+
+def _text(leaf: StoredArray) -> str:
+    values = np.ravel(np.asarray(leaf))
+    # MATLAB 7.3 files hold characters as numbers.
+    return "".join(chr(v) if values.dtype.kind in "ui" else str(v) for v in values).strip()
+
+
+def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
+    cells = [_text(leaf) for key, leaf in leaves.items() if re.fullmatch(re.escape(name) + r"(\{\d+\})?", key)]
+    return tuple(cells) if any(cells) else ()

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import CHANNELS, N, measured, save_csv, study_of
+from plants.lab_logs import N, measured, save_csv, study_of
 from plants.notes import said
 
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec
-from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.converter import find_clipping
 from elastid.recorded.repair.stops import without_stops
-
-R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
 
 
 def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:
@@ -139,63 +133,3 @@ def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: 
     record = measured(tmp_path, study_of("log.csv"))
     assert (record.n_periods, record.left_out) == (periods, ())
     assert not any("stop" in text for text in said(record.notes))
-
-
-def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
-    return [note.code for note in drive_notes((R, U), np.stack([r, u], axis=1), N, "record a")]
-
-
-def test_a_command_that_was_logged_twice_is_named(tmp_path: Path) -> None:
-    """u equals r to the last bit; with noise of a millionth it is a measurement."""
-    log = _log(4)
-    r = tuple(replace(channel, role="r") for channel in CHANNELS[:2])
-    save_csv(tmp_path / "log.csv", log)
-    notes = said(measured(tmp_path, study_of("log.csv", (*r, *CHANNELS))).notes)
-    assert [note.split(": ", 1)[1][:37] for note in notes] == [
-        f"u at motor {i} equals r to the last bit" for i in (2, 1)
-    ]
-    x = log["i1"]
-    assert _notes(x, x + 1e-6 * np.random.default_rng(0).normal(size=len(x))) == []
-
-
-@pytest.mark.parametrize("step", [1, 2, 3])
-@pytest.mark.parametrize("periodic", [True, False])
-def test_a_mirrored_motor_is_named_whatever_the_lines(step: int, periodic: bool) -> None:
-    """Odd lines too, where minus the signal is half a period of delay."""
-    lines = np.arange(step, 60, 2 * step)
-    phases = np.exp(2j * np.pi * np.random.default_rng(3).random((len(lines), 1)))
-    x = np.tile(synthesise(lines, phases, N)[:, 0], 4)
-    assert _notes(x, -x + 0.0, N if periodic else None) == ["mirrored-torque"]
-    assert _notes(x, 0.9 * x, N if periodic else None) == []
-
-
-@pytest.mark.parametrize("n", [1000, 999])
-def test_lines_with_a_common_divisor_have_no_delay_of_parts_of_a_period(n: int) -> None:
-    """Lines 3, 9, 15, ... repeat after a third of the period; a real delay of 2 samples stays."""
-    rng = np.random.default_rng(0)
-    for _ in range(12):
-        lines = np.arange(3, 300, 6)
-        x = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((len(lines), 1))), n)[:, 0], 3)
-        noisy = 0.8 * x + 1e-3 * rng.normal(size=len(x))
-        assert _notes(x, noisy, n) == []
-        (note,) = drive_notes((R, U), np.stack([x, np.roll(noisy, 2)], axis=1), n, "")
-        assert "lags r by 2.0 samples" in note.text
-
-
-@pytest.mark.parametrize("decimals", [1, 2, 3])
-@pytest.mark.parametrize("cycles", [1, 5])
-def test_a_rounded_sine_that_dwells_at_its_maximum_is_not_clipped(decimals: int, cycles: int) -> None:
-    """Four periods of a slow sine, rounded; cut at 90 % of its amplitude it is clipped."""
-    t = np.arange(4000)
-    x = 3.7 * np.sin(2 * np.pi * cycles * t / 1000 + 0.3)
-    log = Log("log", ("x",))
-    assert find_clipping(np.round(x, decimals)[:, None], 1000, log) == ()
-
-
-@pytest.mark.parametrize("decimals", [2, 3])
-@pytest.mark.parametrize("limit", [0.9, 0.99])
-def test_a_rounded_sine_that_is_cut_is_clipped(decimals: int, limit: float) -> None:
-    """Five cycles in a period, cut at nine tenths, or just below their maximum."""
-    x = 3.7 * np.clip(np.sin(2 * np.pi * np.arange(4000) / 200 + 0.3), -limit, limit)
-    with pytest.raises(DataError, match="it is clipped"):
-        find_clipping(np.round(x, decimals)[:, None], 1000, Log("log", ("x",)))

@@ -14,7 +14,7 @@ import pytest
 from plants.notes import said
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -27,8 +27,14 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store import read_records, read_responses, write_records, write_responses
 
 N, P, RATE = 500, 6, 500.0
+
+
 LINES = np.arange(3, 100)
+
+
 ROBOT = Robot("one axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
+
+
 CHANNELS = (
     ChannelSpec("r", "motor 1", "r"),
     ChannelSpec("u", "motor 1", "u"),
@@ -97,7 +103,6 @@ def _all(change: Any) -> dict[str, FloatArray]:
     return {name: change(column) for name, column in CLEAN.items()}
 
 
-AT_ONCE = np.random.default_rng(7)
 FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
     ("nothing", CLEAN, {}, 1.0),
     ("missing samples", _spoilt("y", [10, 11, 900, 2999], np.nan), {"missing samples filled": 4}, 1.2),
@@ -174,79 +179,6 @@ def test_a_clock_that_differs_and_missing_samples_go_together(tmp_path: Path) ->
     assert record.repairs["samples resampled"] == P * N
     assert record.repairs["missing samples filled"] >= 3
     assert _error(record) < 5e-3
-
-
-def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
-    """Seven samples left out of the file, all channels alike."""
-    keep = np.delete(np.arange(P * N), [100, 1200, 1201, 1202, 1203, 2700, 2701])
-    signals = {name: x[keep] for name, x in CLEAN.items()}
-    write_log(tmp_path / "log.h5", signals | {"t": keep / RATE + 12.5})
-    record = _measure(tmp_path, _spec(time="t"))
-    assert record.repairs == {"samples missing in time": 7, "missing samples filled": 21}
-    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", signals | {"t": keep / 300.0})
-    with pytest.raises(DataError, match=r"steps in time are no whole samples at 500 Hz"):
-        _measure(tmp_path, _spec(time="t"))
-
-
-@pytest.mark.parametrize("late", [123.4, -37.0, 700.25])
-def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: float, tmp_path: Path) -> None:
-    """y and r in a second file, late by any fraction: the delay found to 1e-2 samples, no phase error left."""
-    other = log(np.arange(P * N) - late, noise=1e-4)
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
-    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
-    channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
-    wrapped = (late + N / 2) % N - N / 2
-    assert f"encoder.h5 lags log.h5 by {wrapped:.2f}" in said(record.notes)[0].replace("-0.00", "0.00")
-    assert record.repairs == {"logs shifted": 1}
-    assert record.n_periods >= P - 2
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
-
-
-def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
-    """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
-    signals = log(np.arange(P * N) + 211, noise=1e-4)
-    write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
-    write_log(tmp_path / "sent.h5", {"r": log(np.arange(N))["r"]})
-    channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
-    assert record.r is not None
-    assert record.n_periods == P
-    np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
-    assert "sent.h5 lags log.h5 by 211.000 samples" in said(record.notes)[0]
-
-
-def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
-    """No r in the second file, or another one."""
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
-    write_log(tmp_path / "encoder.h5", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
-    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
-    y = replace(CHANNELS[2], file=2)
-    with pytest.raises(DataError, match=r"encoder.h5: its start cannot be determined \(it has no complete channel"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
-    with pytest.raises(DataError, match=r"its start cannot be determined \(best correlation 0\.\d+ at motor 1"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
-
-
-def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
-    """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
-    fast = log(np.arange(4 * P * N) / 4)["y"]
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
-    channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
-    record = _measure(tmp_path, _spec(channels=channels))
-    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
-    assert record.repairs == {"channels brought to another rate": 1}
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
-    files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
-    part = _measure(tmp_path, _spec(channels=channels, files=files))
-    assert part.n_periods == 4
-    assert _error(part) < 2 * _error(_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
-    slow = replace(CHANNELS[2], rate_hz=333.3)
-    with pytest.raises(StudyError, match=r"at 333.3 Hz the period of 1 s is 333.3 samples, not a whole number"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], slow)))
 
 
 def test_a_clipped_torque_is_counted_or_refused(tmp_path: Path) -> None:

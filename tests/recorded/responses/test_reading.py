@@ -246,7 +246,7 @@ Two = dict[str, Any]
         ({"G": _struct(FrequencyUnit="")}, {}, "does not say the unit of its frequencies; set frequency_unit"),
         ({"G": _struct(), "H": _struct()}, {}, r"no response '' in it \(name it with response\); .* G, H"),
         ({"x": np.arange(5)}, {}, r"responses in it: none; an idfrd object .* s = struct\('ResponseData'"),
-        ({"G": {"ResponseData": np.ones((2, 2, 6))}}, {}, "has no G.Frequency beside it"),
+        ({"G": {"ResponseData": np.ones((2, 2, 6))}}, {}, "has no G.Frequency; save"),
         ({"G": _struct(Frequency=FREQ_HZ[:5])}, {}, r"5 frequencies and a response of shape \(6, 2, 2\)"),
         ({"G": _struct(Frequency=np.r_[2.0, FREQ_HZ[:5]])}, {}, "Hz is there twice"),
         ({"G": _struct(CovarianceData=np.ones((2, 2, 6)))}, {}, "CovarianceData has shape"),

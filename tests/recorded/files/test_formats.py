@@ -1,7 +1,4 @@
-"""Formats that a library of their own reads: ROS bags, TDMS, Parquet, and readers of other packages.
-
-Every file is written by the format's own library.
-"""
+"""The formats of log files."""
 
 from __future__ import annotations
 
@@ -12,11 +9,20 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
-from plants.lab_logs import RATE, measured, study_of, with_names, write_csv
+from plants.lab_logs import (
+    RATE,
+    measured,
+    study_of,
+    with_names,
+    write_csv,
+    write_hdf5,
+    write_matlab,
+    write_matlab_73,
+)
 
-from elastid.app.provenance import file_hash
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -25,14 +31,85 @@ from elastid.recorded.files import formats
 from elastid.recorded.files.formats import Format, contents, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
+
+def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """Names and shapes as a channel would be written in a study; no texts, scalars or references."""
+    text = TextFormatSpec()
+    write_matlab(tmp_path, log)
+    assert contents(tmp_path / "log.mat", text) == {
+        "rec.cur": (2, 800),
+        "rec.phi": (1, 800),
+        "run(1).w": (1, 800),
+        "run(2).w": (1, 800),
+        "cells{1}": (1, 50),
+    }
+    write_matlab_73(tmp_path, log)
+    assert contents(tmp_path / "new.mat", text) == {"rec.cur": (800, 2), "rec.phi": (800, 1), "w2": (800, 1)}
+    write_csv(tmp_path, log)
+    assert contents(tmp_path / "log.csv", text) == dict.fromkeys(("t", "i1", "i2", "phi", "w2"), (800,))
+
+
+def test_a_file_without_signals_says_so(tmp_path: Path) -> None:
+    """`There are ` with nothing behind it."""
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["note"] = "text"
+    for name in ("phi", "note"):
+        channel = ChannelSpec("y", "motor 1", name, quantity="position")
+        with pytest.raises(DataError, match=r"(There are no signals in it|there are none)$"):
+            read_channels(tmp_path / "log.h5", [channel], TextFormatSpec())
+
+
+def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
+    """A damaged MATLAB file, a text without numbers, a format that contradicts itself."""
+    (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
+    (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
+    (tmp_path / "empty.csv").write_text("\n")
+    for name, text, error, message in (
+        ("bad.mat", TextFormatSpec(), DataError, "damaged, cut short or no MATLAB file"),
+        ("words.csv", TextFormatSpec(), DataError, "no numbers in its 2 lines"),
+        ("empty.csv", TextFormatSpec(), DataError, "the file is empty"),
+        ("words.csv", TextFormatSpec(",", ","), StudyError, "delimiter and decimal are both ','"),
+    ):
+        with pytest.raises(error, match=message):
+            measured(tmp_path, study_of(name, text=text))
+
+
+@pytest.mark.parametrize("write", [write_matlab, write_matlab_73, write_hdf5])
+def test_a_format_is_known_by_its_content_whatever_the_suffix(
+    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """MATLAB 5, MATLAB 7.3 and HDF5 as .dat."""
+    recorded = write(tmp_path, log).recorded
+    assert recorded is not None
+    path = tmp_path / recorded.files[0].path
+    before = contents(path, recorded.text)
+    assert contents(path.rename(tmp_path / "log.dat"), recorded.text) == before
+
+
+def test_a_further_format_is_one_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader of raw doubles, in front of the others."""
+
+    @contextmanager
+    def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+        values = np.frombuffer(path.read_bytes()[4:])
+        yield ArrayLog(path, {"x": StoredArray(values.shape, values.dtype, lambda: values)})
+
+    row = formats.Format("raw", lambda path, head: head.startswith(b"RAW!"), opened, "export it again")
+    monkeypatch.setattr(formats, "FORMATS", (row, *formats.FORMATS))
+    (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
+    assert contents(tmp_path / "log.raw", TextFormatSpec()) == {"x": (5,)}
+    read = read_channels(tmp_path / "log.raw", [ChannelSpec("u", "motor 1", "x")], TextFormatSpec())
+    np.testing.assert_array_equal(read[:, 0], np.arange(5.0))
+
+
 TEXT = TextFormatSpec()
+
+
 LogArrays = dict[str, np.ndarray]
+
+
 # The joint of each of the log's signals, in the messages of JointState: effort in Nm, position in rad.
 JOINTS = ("shoulder", "elbow")
-
-
-def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
-    return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
 
 
 def write_tdms(base: Path, log: LogArrays) -> ExperimentSpec:
@@ -136,93 +213,6 @@ def test_a_log_is_the_same_record_in_every_format(
     np.testing.assert_allclose(found.y, expected.y, **tolerance)
 
 
-def test_a_bag_lists_joints_fields_and_sequences_by_topic(tmp_path: Path, log: LogArrays) -> None:
-    """Joints by name, numbers by the path of their field, sequences as columns; texts are left out."""
-    bag, n = write_bag(tmp_path / "bag", log), len(log["i1"])
-    expected = {f"joint_states.{field}.{joint}": (n,) for field in ("position", "effort") for joint in JOINTS}
-    expected |= {"joint_states.time": (n,), "arm/commands.time": (n,), "arm/commands.data": (n, 2)}
-    expected |= {"arm/commands.layout.data_offset": (n,), "wrench.time": (n,)}
-    expected |= {f"wrench.wrench.{part}.{axis}": (n,) for part in ("force", "torque") for axis in "xyz"}
-    assert contents(bag, TEXT) == expected
-    np.testing.assert_array_equal(_read(bag, "/arm/commands.data", column=2)[:, 0], log["i2"])
-    np.testing.assert_array_equal(_read(bag, "wrench.wrench.force.z")[:, 0], -np.arange(n))
-
-
-def test_the_time_of_a_topic_is_the_stamp_of_its_messages(tmp_path: Path, log: LogArrays) -> None:
-    """Exact to the ns although the stamps count from 1970, and not when the bag received them; else that."""
-    bag = write_bag(tmp_path / "bag", log)
-    at = np.arange(len(log["i1"])) / RATE
-    np.testing.assert_allclose(_read(bag, "joint_states.time")[:, 0], at, atol=2e-9)
-    np.testing.assert_allclose(_read(bag, "arm/commands.time")[:, 0], at, atol=2e-9)
-
-
-def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
-    """Each message holds one joint only."""
-    bag = write_bag(tmp_path / "bag", log, publishers=2)
-    found = contents(bag, TEXT)
-    assert "joint_states.time" not in found
-    assert found["joint_states.time.elbow"] == found["joint_states.effort.elbow"] == (len(log["i2"]),)
-    np.testing.assert_array_equal(_read(bag, "joint_states.effort.elbow")[:, 0], log["i2"])
-
-
-def test_a_folder_that_is_no_bag_and_a_damaged_bag_are_refused(tmp_path: Path, log: LogArrays) -> None:
-    """With what is missing."""
-    (tmp_path / "logs").mkdir()
-    with pytest.raises(StudyError, match=r"logs is a folder but no ROS 2 bag \(it has no metadata.yaml\)"):
-        contents(tmp_path / "logs", TEXT)
-    bag = write_bag(tmp_path / "bag", log)
-    next(bag.glob("*.db3")).unlink()
-    with pytest.raises(DataError, match=r"no ROS bag file .*missing.*; copy it again with all files of its folder"):
-        contents(bag, TEXT)
-
-
-def test_a_bag_of_other_content_is_another_input(tmp_path: Path, log: LogArrays) -> None:
-    """The hash of a folder is that of its files."""
-    bag = write_bag(tmp_path / "bag", log)
-    before = file_hash(bag)
-    assert before == file_hash(bag)
-    with (bag / "metadata.yaml").open("a") as file:
-        file.write("\n")
-    assert file_hash(bag) != before
-
-
-def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
-    """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    at = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(4) * np.timedelta64(2_500_000, "ns")
-    table = pa.table(
-        {"t": at, "x": pa.array([1, None, 3, 4]), "f": np.arange(4, dtype=np.float32), "who": ["a", "b", "c", "d"]}
-    )
-    pq.write_table(table, tmp_path / "log.dat")
-    assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
-    np.testing.assert_array_equal(
-        _read(tmp_path / "log.dat", "t", "x", "f"), [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]]
-    )
-
-
-def test_a_negative_increment_of_tdms_is_no_rate(tmp_path: Path) -> None:
-    """`inspect` showed a signal at -1 Hz."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    with TdmsWriter(tmp_path / "log.tdms") as file:
-        file.write_segment([ChannelObject("g", "torque", np.arange(9.0), {"wf_increment": -1.0})])
-    with formats.opened_log(tmp_path / "log.tdms", TEXT) as log:
-        assert isinstance(log, ArrayLog)
-        assert log.arrays["g/torque"].rate_hz is None
-
-
-def test_times_of_tdms_are_seconds(tmp_path: Path) -> None:
-    """From the first."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    at = np.datetime64("2026-05-01T10:00:00", "us") + np.arange(3) * np.timedelta64(4000, "us")
-    with TdmsWriter(tmp_path / "log.tdms") as writer:
-        writer.write_segment([ChannelObject("a", "t", at), ChannelObject("a", "x", np.array([1, 2, 3]))])
-    np.testing.assert_allclose(_read(tmp_path / "log.tdms", "a/t", "a/x"), [[0, 1], [0.004, 2], [0.008, 3]])
-
-
 @pytest.mark.parametrize(
     ("start", "module", "extra"),
     [
@@ -251,6 +241,8 @@ def _opened_doubles(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 DOUBLES = Format("raw", lambda path, head: head.startswith(b"RAW!"), _opened_doubles, "export it again")
+
+
 NO_FORMAT = 7
 
 

@@ -1,0 +1,119 @@
+"""Text logs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.lab_logs import CHANNELS, measured, save_csv, study_of
+
+from elastid.app.inspection import described as inspected
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files.formats import contents, read_channels
+from elastid.recorded.files.text import described_format, guess_format
+
+
+@pytest.mark.parametrize(
+    ("channel", "message"),
+    [
+        (
+            ChannelSpec("y", "motor 1", "phy", quantity="position"),
+            r"'phy' is not in it; did you mean phi\? There are i1",
+        ),
+        (ChannelSpec("y", "motor 1", column=9, quantity="position"), "there is no column 9; it has 4"),
+    ],
+)
+def test_a_channel_that_a_text_log_does_not_have_is_named_with_those_it_has(
+    channel: ChannelSpec, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """By heading and by number."""
+    save_csv(tmp_path / "log.csv", log)
+    with pytest.raises(DataError, match=message):
+        measured(tmp_path, study_of("log.csv", (*CHANNELS[:2], channel)))
+
+
+@pytest.mark.parametrize(
+    ("line", "delimiter", "headings"),
+    [
+        ('"time, s","torque, motor 1 (Nm)","#3"', ",", ("time, s", "torque, motor 1 (Nm)", "#3")),
+        ('"time; s" ; "torque, 1";x', ";", ("time; s", "torque, 1", "x")),
+        ('  "time s"  "motor 1"\tx # of the bench', "whitespace", ("time s", "motor 1", "x")),
+        ('3" pipe,b,c', ",", ('3" pipe', "b", "c")),
+        ('"say ""stop""","2, 3",4', ",", ('say "stop"', "2, 3", "4")),
+    ],
+)
+def test_headings_in_quotes_are_whole(line: str, delimiter: str, headings: tuple[str, ...], tmp_path: Path) -> None:
+    """Delimiters and signs of comments inside of quotes belong to the heading; a lone quotation mark is an inch."""
+    separator = " " if delimiter == "whitespace" else delimiter
+    rows = "".join(f"{separator.join(map(str, (i, 2 * i, 3 * i)))}\n" for i in range(9))
+    (tmp_path / "log.csv").write_text(f"{line}\n{rows}")
+    text = TextFormatSpec(delimiter, header_lines=1)
+    assert contents(tmp_path / "log.csv", text) == dict.fromkeys(headings, (9,))
+    channel = ChannelSpec("y", "motor 1", headings[1], quantity="position")
+    np.testing.assert_array_equal(read_channels(tmp_path / "log.csv", [channel], text)[:, 0], 2 * np.arange(9))
+
+
+def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
+    """It ended in `damaged, cut short or no text file`."""
+    (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")
+    with pytest.raises(StudyError, match="delimiter is ',,'; give a single character, tab or whitespace"):
+        contents(tmp_path / "log.csv", TextFormatSpec(",,"))
+
+
+def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
+    tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Line 102 of the file is sample 100 after one line of headings; a short line is recognised."""
+    save_csv(tmp_path / "log.csv", log)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    lines[101] = re.sub(r",[^,]*,", ",ERR,", lines[101], count=1)
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(DataError, match=r"log.csv, line 102, column 2 \('i2'\): 'ERR' is not a number"):
+        measured(tmp_path, study_of("log.csv"))
+    lines[101] = "1.0,2.0"
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(DataError, match=r"line 102: it has 2 columns, column 3 \('phi'\) is needed"):
+        measured(tmp_path, study_of("log.csv"))
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "encoding"),
+    [(";", ",", "utf-8-sig"), ("\t", ".", "cp1252"), (",", ".", "utf-16"), ("  ", ",", "utf-8")],
+)
+def test_inspect_and_messages_tell_how_a_text_log_is_written(
+    delimiter: str, decimal: str, encoding: str, tmp_path: Path
+) -> None:
+    """Semicolons, tabs, blanks, decimal commas; UTF-8, UTF-16 and what Windows loggers write; the text fits a study."""
+    path = tmp_path / "log.csv"
+    numbers = np.random.default_rng(0).standard_normal((50, 3))
+    rows = [delimiter.join(("u", "°C", "yl")), *(delimiter.join(f"{x:.6f}" for x in row) for row in numbers)]
+    path.write_text("\n".join([rows[0], *(row.replace(".", decimal) for row in rows[1:])]), encoding=encoding)
+    assert contents(path, guess_format(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
+    page, text = inspected(path), guess_format(path)
+    assert [line.split()[1] for line in page.splitlines()[-3:]] == ["50"] * 3
+    if text == TextFormatSpec():
+        return
+    assert described_format(text) in page
+    with pytest.raises(DataError, match=re.escape(described_format(text))):
+        read_channels(path, [ChannelSpec("u", "motor 1", "u")], TextFormatSpec())
+
+
+def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path: Path) -> None:
+    """The first of two equal headings was taken in silence, and column with it was not looked at."""
+    path = tmp_path / "log.csv"
+    path.write_text("x,x,y\n1,2,3\n4,5,6\n")
+
+    def read(name: str, column: int | None) -> list[float]:
+        values = read_channels(path, [ChannelSpec("u", "motor 1", name, column)], TextFormatSpec())
+        return [float(v) for v in values[:, 0]]
+
+    assert read("x", 2) == [2, 5]
+    assert read("y", 3) == read("y", None) == [3, 6]
+    with pytest.raises(DataError, match="'x' is the heading of column 1, 2; give column, too"):
+        read("x", None)
+    with pytest.raises(DataError, match="column 1 is not headed 'y', but column 3 is"):
+        read("y", 1)

@@ -1,0 +1,79 @@
+"""Clipping and quantisation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.recorded.repair import Log
+from elastid.recorded.repair.converter import CLIPPED, find_clipping, find_steps, step
+
+N, P = 500, 6
+
+
+LINES = np.arange(2, 150)
+
+
+LOG = Log("log.csv", ("torque", "angle"), 1000.0)
+
+
+def wave(t: FloatArray, seed: int = 0) -> FloatArray:
+    """Two periodic signals (n, 2) of period N at times t in samples: a torque of rms 1 and a position with it."""
+    rng = np.random.default_rng(seed)
+    U = np.exp(2j * np.pi * rng.random(len(LINES))) * np.sqrt(2 / len(LINES))
+    G = 1e3 / (1 + 2j * 0.03 * LINES / 40 - (LINES / 40) ** 2)
+    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
+    return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
+
+
+CLEAN = wave(np.arange(P * N))
+
+
+def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
+    """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
+    at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
+    finding = find_clipping(at_two, N, LOG)[1]
+    assert finding.kind == CLIPPED
+    assert finding.count == pytest.approx(np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std()), rel=0.5)
+    with pytest.raises(DataError, match=r"log.csv: torque: .* are at its limits of -1 and 1: it is clipped"):
+        find_clipping(at_one, N, LOG)
+    assert find_clipping(CLEAN, N, LOG) == ()
+    assert find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
+
+
+def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
+    """360 deg / 4096; without other noise its error repeats with the signal, and that is said."""
+    q = 360 / 4096
+    fine, coarse = (np.round(scale * CLEAN[:, 1] / q) * q / scale for scale in (1, 1e-3))
+    assert step(np.round(CLEAN[:, 1] / 30) * 30) == pytest.approx(30)
+    assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
+    assert step(CLEAN[:, 0]) == 0
+    signals = np.stack([CLEAN[:, 0], coarse], axis=1)
+    (finding,) = find_steps(signals, N, 1, LOG)
+    assert f"angle: steps of {1e3 * q:.4g} make noise of {1e3 * q / np.sqrt(12):.3g}" in finding.text
+    assert "repeats with the signal" in finding.text
+    noisy = coarse + 1e3 * q * np.round(np.random.default_rng(0).normal(size=P * N))
+    (finding,) = find_steps(np.stack([CLEAN[:, 0], noisy], axis=1), N, 1, LOG)
+    assert "repeats with the signal" not in finding.text
+    assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
+
+
+@pytest.mark.parametrize("decimals", [1, 2, 3])
+@pytest.mark.parametrize("cycles", [1, 5])
+def test_a_rounded_sine_that_dwells_at_its_maximum_is_not_clipped(decimals: int, cycles: int) -> None:
+    """Four periods of a slow sine, rounded; cut at 90 % of its amplitude it is clipped."""
+    t = np.arange(4000)
+    x = 3.7 * np.sin(2 * np.pi * cycles * t / 1000 + 0.3)
+    log = Log("log", ("x",))
+    assert find_clipping(np.round(x, decimals)[:, None], 1000, log) == ()
+
+
+@pytest.mark.parametrize("decimals", [2, 3])
+@pytest.mark.parametrize("limit", [0.9, 0.99])
+def test_a_rounded_sine_that_is_cut_is_clipped(decimals: int, limit: float) -> None:
+    """Five cycles in a period, cut at nine tenths, or just below their maximum."""
+    x = 3.7 * np.clip(np.sin(2 * np.pi * np.arange(4000) / 200 + 0.3), -limit, limit)
+    with pytest.raises(DataError, match="it is clipped"):
+        find_clipping(np.round(x, decimals)[:, None], 1000, Log("log", ("x",)))

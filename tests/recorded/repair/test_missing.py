@@ -1,0 +1,134 @@
+"""Lost, doubled and missing samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.recorded.repair import Log, counts
+from elastid.recorded.repair.missing import DOUBLED, DROPPED, FILLED, filled, realigned
+
+N, P = 500, 6
+
+
+LINES = np.arange(2, 150)
+
+
+LOG = Log("log.csv", ("torque", "angle"), 1000.0)
+
+
+def wave(t: FloatArray, seed: int = 0) -> FloatArray:
+    """Two periodic signals (n, 2) of period N at times t in samples: a torque of rms 1 and a position with it."""
+    rng = np.random.default_rng(seed)
+    U = np.exp(2j * np.pi * rng.random(len(LINES))) * np.sqrt(2 / len(LINES))
+    G = 1e3 / (1 + 2j * 0.03 * LINES / 40 - (LINES / 40) ** 2)
+    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
+    return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
+
+
+CLEAN = wave(np.arange(P * N))
+
+
+DRIFT = np.arange(P * N)[:, None] / (P * N) * np.array([0.0, 5e4])
+
+
+NOISE = np.random.default_rng(9).normal(size=CLEAN.shape) * np.array([1e-3, 1.0])
+
+
+def test_missing_samples_come_back_exactly_where_nothing_else_is_wrong() -> None:
+    """Single ones, a gap, both ends, with a drift of a hundred times the signal: equal to the signal to 1e-9."""
+    signals = CLEAN + DRIFT
+    signals[[0, 7, 2 * N, P * N - 1], 1] = np.nan
+    signals[3 * N + 100 : 3 * N + 130] = np.nan
+    repaired = filled(signals, N, 1, LOG)
+    np.testing.assert_allclose(repaired.signals, CLEAN + DRIFT, atol=1e-6 * CLEAN.std(axis=0).max())
+    assert counts(repaired.findings) == {FILLED: 30 + 34}
+    assert repaired.left_out == ()
+    assert (
+        "angle: 34 of 3000 samples are missing (NaN or infinite), the first is sample 0 (0 s)"
+        in [f.text.split(":")[0] + ":" + f.text.split(":")[1] for f in repaired.findings][1]
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, P * N - 1), st.integers(1, 20)), max_size=12), st.sampled_from([1, -1]))
+def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, int]], sign: int) -> None:
+    """Good samples stay bit for bit; the result is finite; also half-wave."""
+    signals = CLEAN + NOISE
+    for start, length in gaps:
+        signals[start : start + length, 0] = np.nan
+    good = np.isfinite(signals)
+    repaired = filled(signals, N, sign, LOG)
+    np.testing.assert_array_equal(repaired.signals[good], signals[good])
+    assert np.isfinite(repaired.signals).all()
+    assert counts(repaired.findings).get(FILLED, 0) == np.sum(~good)
+
+
+def test_half_wave_samples_are_filled_with_the_other_sign() -> None:
+    """Odd lines only: the second half of the period is minus the first."""
+    rng = np.random.default_rng(3)
+    lines = np.arange(1, 120, 2)
+    t = np.arange(4 * N // 2)
+    x = (np.exp(2j * np.pi * np.outer(t / N, lines)) @ np.exp(2j * np.pi * rng.random(60))).real[:, None]
+    spoilt = x.copy()
+    spoilt[300:310] = np.nan
+    repaired = filled(spoilt, N // 2, -1, Log("x", ("u",)))
+    np.testing.assert_allclose(repaired.signals, x, atol=1e-8)
+
+
+def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
+    """A tenth of a period; a phase that no period has; a third of a channel; one period left."""
+    signals = CLEAN.copy()
+    signals[2 * N + 50 : 2 * N + 101] = np.nan
+    repaired = filled(signals, N, 1, LOG)
+    assert repaired.left_out == (2,)
+    assert "repetitions 3 of 6 lack more than 10%" in repaired.findings[-1].text
+    everywhere = CLEAN.copy()
+    everywhere[40::N, 1] = np.nan
+    with pytest.raises(DataError, match=r"log.csv: angle: 6 of 3000 .* 1 of them in every period .* sample 40"):
+        filled(everywhere, N, 1, LOG)
+    with pytest.raises(DataError, match=r"angle: 1500 of 3000 samples are missing"):
+        filled(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, Log("log.csv", ("angle", "torque")))
+    two = CLEAN[: 2 * N].copy()
+    two[100:200] = np.nan
+    with pytest.raises(DataError, match="1 of 2 repetitions lack more than 10%"):
+        filled(two, N, 1, LOG)
+
+
+@pytest.mark.parametrize(("place", "count"), [(1700, 1), (1499, 3), (2101, 2), (1010, 1)])
+def test_lost_samples_are_put_back_where_they_were_lost(place: int, count: int) -> None:
+    """The rest of the log is in step again, bit for bit; the place is right to a few samples."""
+    signals = CLEAN + NOISE
+    lost = np.delete(signals, slice(place, place + count), axis=0)
+    repaired = realigned(lost, lost[:, :1], N, LOG)
+    assert counts(repaired.findings) == {DROPPED: count}
+    gap = np.flatnonzero(np.isnan(repaired.signals[:, 0]))
+    assert len(gap) == count
+    assert abs(gap[0] - place) <= 4
+    outside = np.r_[0 : min(gap[0], place), max(gap[-1] + 1, place + count) : len(repaired.signals)]
+    np.testing.assert_array_equal(repaired.signals[outside], signals[outside])
+
+
+def test_doubled_samples_are_taken_out_and_two_faults_are_told_apart() -> None:
+    """A sample twice in the second period, two lost in the fifth."""
+    signals = np.concatenate([CLEAN, CLEAN])
+    spoilt = np.insert(np.delete(signals, [4200, 4201], axis=0), 800, signals[800], axis=0)
+    repaired = realigned(spoilt, spoilt[:, :1], N, LOG)
+    assert counts(repaired.findings) == {DOUBLED: 1, DROPPED: 2}
+    assert len(repaired.signals) == 2 * P * N
+    assert np.mean(repaired.signals == signals) > 0.99
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6), noise=st.sampled_from([0.0, 0.1, 1.0]), ramp=st.sampled_from([0.0, 30.0]))
+def test_a_log_without_loss_is_left_alone(seed: int, noise: float, ramp: float) -> None:
+    """Noise of the signal's own power and a drift make no shift."""
+    signals = wave(np.arange(P * N), seed)
+    signals += noise * np.random.default_rng(seed).normal(size=signals.shape) + ramp * np.linspace(0, 1, P * N)[:, None]
+    assert realigned(signals, signals[:, :1], N, LOG).findings == ()
+    wrong = realigned(signals, signals[:, :1], N - 1, LOG)
+    assert wrong.findings == ()
