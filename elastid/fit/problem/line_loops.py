@@ -29,7 +29,7 @@ def packed(R: ComplexArray | FloatArray) -> FloatArray:
     return np.ascontiguousarray(parts.transpose(0, 2, 3, 1))
 
 
-def sums(
+def compiled_sums(
     part: Sensitivity,
     R: FloatArray,
     q: ComplexArray,

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.problem import line_loops
+from elastid.fit.problem.line_loops import compiled_sums, packed
 from elastid.linear.response.sensitivity import Sensitivity
 
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -75,18 +75,18 @@ class Full:
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """R of the sums in C (`line_loops.packed`)."""
+    """R of the sums in C (`packed`)."""
 
     R: FloatArray
 
     @classmethod
     def of(cls, R: ComplexArray | FloatArray) -> Packed:
         """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
-        return cls(line_loops.packed(R))
+        return cls(packed(R))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """As `Full.sums`."""
-        return LineSums(*line_loops.sums(part, self.R, *e, scale, precision))
+        return LineSums(*compiled_sums(part, self.R, *e, scale, precision))
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, is_match, matching
-from elastid.fit.setup import groups
+from elastid.fit.setup.groups import check_keys, groups_of, is_group_key, spec_of_group
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
@@ -39,10 +39,10 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: asked for key, asked in spec.parameters.items() if not groups.is_group_key(key)}
+    shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
     wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
-    grouped = {name: groups.groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
-    groups.check_keys(spec, wanted)
+    grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
+    check_keys(spec, wanted)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
@@ -56,7 +56,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
         for group, only in own.items():
             key = f"{name}@{group}"
-            asked = groups.spec_of_group(key, wanted[name], spec.parameters)
+            asked = spec_of_group(key, wanted[name], spec.parameters)
             of_group = _parameter(key, value, unit, asked, name not in linear)
             further.append(replace(of_group, only=only))
     _check_ratios(spec, chosen)
