@@ -15,8 +15,8 @@ from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.problem.elastic import ElasticFit, at_measured_places, elastic_fit
+from elastid.fit.problem.weights import Weights
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights.weights import Weights
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation

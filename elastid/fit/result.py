@@ -15,7 +15,7 @@ from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.parameters import ParameterSet

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtr, fdtrc, gammaincc, log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.weights.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
+from elastid.fit.problem.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 # How often a verdict speaks against a true model.

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
 from elastid.fit.problem.triangle import Full, LineResiduals, Packed
-from elastid.fit.weights.weights import Whitening
+from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import Columns
 
 

@@ -21,7 +21,7 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
-from elastid.fit.weights.weights import Weights, Whitening
+from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns

@@ -23,12 +23,19 @@ from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind
+from elastid.fit.problem.least_squares import (
+    RESIDUALS,
+    Evaluation,
+    LeastSquares,
+    LocalOptimum,
+    ResidualKind,
+    distance,
+    is_far_from_noise,
+)
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
-from elastid.fit.solve.local_optimum import LocalOptimum, distance, is_far_from_noise
+from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.weights.weights import Weights, weigh
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT

@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.local_optimum import Ending, distance_to_optimum, held_by_bounds
+from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, distance_to_optimum, held_by_bounds
 
 # The return status of an iteration callback that ends it, and that of an exception none of IPOPT's own, such as Ctrl-C.
 _STOPPED, _FOREIGN_EXCEPTION = "User_Requested_Stop", "NonIpopt_Exception_Thrown"

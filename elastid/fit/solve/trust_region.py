@@ -24,8 +24,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.local_optimum import Ending, distance_to_optimum, held_by_bounds, is_far_from_noise
+from elastid.fit.problem.least_squares import (
+    Ending,
+    Evaluation,
+    LeastSquares,
+    distance_to_optimum,
+    held_by_bounds,
+    is_far_from_noise,
+)
 from elastid.parameters import ParameterSet
 
 # The first radius, for each variable: a factor of two in all logarithmic parameters.

@@ -41,10 +41,16 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
+from elastid.fit.problem.weights import Weights
 from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.jackknife import block_variance, disagreement, jackknife_variance
-from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
-from elastid.fit.weights.weights import Weights
+from elastid.fit.uncertainty.line_sums import (
+    LineSums,
+    block_variance,
+    correlation_length,
+    disagreement,
+    jackknife_variance,
+    sum_lines,
+)
 from elastid.response import FrequencyResponse
 
 

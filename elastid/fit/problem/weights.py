@@ -11,8 +11,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
-from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.response import Covariance, FrequencyResponse
 
 # The smallest eigenvalue of the correlations, relative to the largest, that is not taken for rounding.

@@ -12,8 +12,7 @@ from elastid.base.arrays import ComplexArray
 from elastid.base.kernels import is_compiled
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation
-from elastid.fit.problem.line_loops import BATCH
-from elastid.fit.problem.triangle import Full, LineResiduals, Packed
+from elastid.fit.problem.triangle import BATCH, Full, LineResiduals, Packed
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec

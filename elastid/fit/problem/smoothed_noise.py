@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import fdtr, gammainc, gammaincinv
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.fit.weights.noise_components import NoiseShapes, noise_model
+from elastid.fit.problem.noise_components import NoiseShapes, noise_model
 from elastid.response import Covariance, FrequencyResponse
 
 # The total variance counts as below the noise, which is part of it, where chance puts it there once in so many times.

@@ -7,9 +7,9 @@ import pytest
 from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
+from elastid.fit.problem.smoothed_noise import smooth_variance
+from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
-from elastid.fit.weights.smoothed_noise import smooth_variance
-from elastid.fit.weights.weights import check_factors, weigh
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 
