@@ -21,6 +21,7 @@ from scipy.optimize import nnls
 from scipy.signal import find_peaks
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.response import Covariance, FrequencyResponse
 
 # A peak stands so much above the valleys beside it, in dB.
@@ -46,8 +47,6 @@ _MIN_FREE = 0.1
 _STEPS = 30
 # A step of the pole below this part of the window has converged; one so far beyond it leads nowhere.
 _MIN_STEP, _MAX_STEP = 1e-10, 1e6
-# 95 % of a normal distribution.
-_SIGMAS_95 = 1.959964
 
 
 @dataclass(frozen=True)
@@ -70,12 +69,12 @@ class Peak:
     @property
     def freq95(self) -> tuple[float, float]:
         """95 % interval of the frequency."""
-        return self.freq_hz - _SIGMAS_95 * self.freq_std, self.freq_hz + _SIGMAS_95 * self.freq_std
+        return self.freq_hz - QUANTILE_95 * self.freq_std, self.freq_hz + QUANTILE_95 * self.freq_std
 
     @property
     def damping95(self) -> tuple[float, float]:
         """95 % interval of the damping."""
-        return self.damping - _SIGMAS_95 * self.damping_std, self.damping + _SIGMAS_95 * self.damping_std
+        return self.damping - QUANTILE_95 * self.damping_std, self.damping + QUANTILE_95 * self.damping_std
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 
@@ -169,7 +170,7 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     size = np.sqrt(np.maximum(_median(compared.power[:, good].T), 1e-300))
     D = _median_of_others(compared, good) / size
     typical = _median(D[good])
-    spread = 1.4826 * _median(np.abs(D[good] - typical))
+    spread = STD_OVER_MAD * _median(np.abs(D[good] - typical))
     limit = typical + outlier_sigma * np.maximum(spread, _MIN_SPREAD * typical)
     found = Distances(D, typical, limit)
     if not found.far.any():

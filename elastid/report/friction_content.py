@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from elastid.base.display import digits, interval_of, number
 from elastid.base.note import NoteGroup, grouped
+from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
@@ -121,10 +122,6 @@ def with_interval(each: FrictionNumber) -> str:
     return f"{number(each.value, digits(each.value, half))} ± {number(half, 2)} {each.unit}".rstrip()
 
 
-# Quantile of 95 % intervals.
-_Z_95 = 1.96
-
-
 @dataclass(frozen=True)
 class FrictionRow:
     """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
@@ -148,7 +145,7 @@ def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
             rows.append(FrictionRow(place, unit, kept))
             continue
         level, std = friction.sliding_level(place)
-        interval = (max(level - _Z_95 * std, 0.0), level + _Z_95 * std)
+        interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
         rows.append(FrictionRow(place, unit, kept, level, std, interval))
     return tuple(rows)
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.statistics import STD_OVER_MAD
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.repeats import expected
@@ -101,7 +102,7 @@ def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
 
 def _threshold(d: FloatArray) -> float:
     """8 sigma, sigma from the median; where most samples agree exactly, from the smaller 99 %."""
-    sigma = 1.4826 * float(np.median(d))
+    sigma = STD_OVER_MAD * float(np.median(d))
     if sigma == 0:
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
     return _MIN_SIGMAS * sigma
