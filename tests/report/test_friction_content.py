@@ -15,6 +15,6 @@ def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> No
     taken, kept = friction_rows(taken_friction())
     std = math.hypot(*STDS)
     assert (taken.level, taken.std) == (sum(LEVELS), pytest.approx(std))
-    assert taken.interval == pytest.approx((4.5 - 1.96 * std, 4.5 + 1.96 * std))
+    assert taken.interval == pytest.approx((4.5 - 1.959964 * std, 4.5 + 1.959964 * std))
     assert (taken.unit, taken.kept_share) == ("N*m", 0.0321)
     assert (kept.place, kept.unit, kept.level, kept.interval) == ("motor 2", "N", None, None)
