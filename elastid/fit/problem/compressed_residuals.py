@@ -35,10 +35,10 @@ class CompressedResiduals:
 
     def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
-        return CompressedResiduals, tuple(getattr(self, one.name) for one in fields(self))
+        return CompressedResiduals, tuple(getattr(self, f.name) for f in fields(self))
 
-    def is_of_the_same(self, other: CompressedResiduals) -> bool:
-        """Whether these are residuals of the very same data, with the very same weights."""
+    def has_data_of(self, other: CompressedResiduals) -> bool:
+        """True if these are residuals of the very same data, with the very same weights."""
         return (
             self.measured is other.measured
             and self.gain is other.gain
@@ -54,7 +54,7 @@ class CompressedResiduals:
         return replace(self, whitening=None, known=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
-        """The residuals of some lines with elements G (F, n_e), and a constant that V has beside |r|^2."""
+        """The residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
@@ -107,17 +107,17 @@ class CompressedResiduals:
 
     @cached_property
     def compressed(self) -> Compressed:
-        """R, and what of the data is left with it."""
+        """R, and the part of the data that remains with it."""
         if self.known is not None:
             return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
         if mixing is None:
-            one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
-            other = np.where(first == second, 0.0, other)
-            R: ComplexArray | FloatArray = np.hypot(one, other)
-            Q: ComplexArray | FloatArray = np.stack([one, other], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
+            own, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            mirror = np.where(first == second, 0.0, mirror)
+            R: ComplexArray | FloatArray = np.hypot(own, mirror)
+            Q: ComplexArray | FloatArray = np.stack([own, mirror], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
         else:
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             mirrored = np.where(first == second, 0.0, 1.0)
@@ -178,11 +178,11 @@ class NormalEquations:
         weights, R = [], self.residuals.compressed.R
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
-            found = R.sums(part, e, scale, precision)
-            V += constant + found.cost
-            pull += found.pulled
-            moments += found.moments
-            weights.append(found.weight)
+            sums = R.sums(part, e, scale, precision)
+            V += constant + sums.cost
+            pull += sums.pulled
+            moments += sums.moments
+            weights.append(sums.weight)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
@@ -191,7 +191,7 @@ class NormalEquations:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
-        """Which of the moments (5, n_b, n_b), which are Hermitian, a pair of pieces (n_t, n_t) takes, and its sign.
+        """The Hermitian moment of (5, n_b, n_b) that each pair of pieces (n_t, n_t) takes, and its sign.
 
         It is the real part of (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
         """

@@ -99,12 +99,6 @@ class LocalOptimum:
     message: str
 
 
-# x within this share of its bounds from one of them is at it.
-AT_BOUND = 1e-6
-# V over its degrees of freedom beyond which the model is wrong, whatever the noise.
-FAR_FROM_NOISE = 100.0
-
-
 @dataclass(frozen=True)
 class Ending:
     """x (n_x,) and the problem there; status: why the solver stopped, empty where the optimum was near enough."""
@@ -135,13 +129,13 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
 
 
 def is_far_from_noise(cost: float, dof: int) -> bool:
-    """True if V is that of a wrong model, so that its optimum matters only approximately."""
-    return cost > FAR_FROM_NOISE * max(dof, 1)
+    """True if V is that of a wrong model, whatever the noise, so that its optimum matters only approximately."""
+    return cost > 100 * max(dof, 1)
 
 
 def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
-    """Variables (n_x,) at a bound beyond which the cost falls."""
+    """Variables (n_x,) at a bound, by 1e-6 of its distance to the other, beyond which the cost falls."""
     lower, upper = problem.parameters.x_bounds
-    reach = AT_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    reach = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     below, above = x <= lower + reach, x >= upper - reach
     return np.asarray((below & (ending.gradient > 0)) | (above & (ending.gradient < 0)))

@@ -24,9 +24,6 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER, Motion
 
-STEPS = 30
-# Fewer lines are not divided.
-MIN_LINES = 16
 # What is added to the diagonal, as a share of the mean variance of an output: keeps a model of exact data regular.
 MIN_VARIANCE_SHARE = 1e-9
 
@@ -60,13 +57,14 @@ class NoiseShapes:
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
 
-    The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S.
+    The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S;
+    fewer than 16 lines are not divided.
     """
     lines = np.arange(len(S))
     C = np.empty(S.shape, np.complex128)
     for half in (lines % 2 == 0, lines % 2 == 1):
-        others = ~half if len(S) >= MIN_LINES else np.ones_like(half)
-        C[half] = _levels(S[others], shapes.on(others))(shapes.on(half))
+        source = ~half if len(S) >= 16 else np.ones_like(half)
+        C[half] = _levels(S[source], shapes.on(source))(shapes.on(half))
     return C
 
 
@@ -83,7 +81,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     a = np.tile(1 / shapes.own.mean(axis=1)[:, None], n_y) / (2 * len(shapes.own))
     reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
     b = np.divide(F * n_y / (2 * n_u * len(shapes.torque)), reached, out=np.zeros_like(reached), where=reached > 0)
-    for _ in range(STEPS):
+    for _ in range(30):
         W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
         WSW = np.asarray(W @ S @ W)
         t = np.einsum("fab,fba->f", W, S).real / n_y

@@ -23,9 +23,6 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.noise_components import NoiseShapes, noise_model
 from elastid.response import Covariance, FrequencyResponse
 
-# The total variance counts as below the noise, which is part of it, where chance puts it there once in so many times.
-BELOW_NOISE_PROBABILITY = 1e-3
-
 
 @frozen_value
 class SmoothedNoise:
@@ -108,7 +105,8 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
     """The total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
     Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of
-    elements may be one error, and realisations that share their noise do so at all lines.
+    elements may be one error, and realisations that share their noise do so at all lines.  By more than chance: it puts
+    the total below the noise, which is part of it, once in a thousand times.
     """
     total, noise = response.total, response.noise
     if total is None or noise is None:
@@ -118,14 +116,9 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
         return total
     ratio = math.exp(float(np.mean(np.log(total.variance[both] / noise.variance[both]))))
     far = gammainc(total.dof, total.dof * ratio) if math.isinf(noise.dof) else fdtr(2 * total.dof, 2 * noise.dof, ratio)
-    return noise if far < BELOW_NOISE_PROBABILITY else total
+    return noise if far < 1e-3 else total
 
 
-# Degrees of freedom behind a weight, for each correlated element and for its level.
-MIN_DOF_PER_ELEMENT = 10
-MIN_DOF_OF_LEVEL = 24
-# A line of so many for each element needs no neighbours: its weights cost 2 % of standard deviation.
-ENOUGH_DOF_PER_ELEMENT = 30
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
@@ -169,9 +162,11 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: i
 
 
 def _width(n: int, dof: float) -> int:
-    if dof >= ENOUGH_DOF_PER_ELEMENT * n:
-        return 1
-    return max(math.ceil(max(MIN_DOF_PER_ELEMENT * n, MIN_DOF_OF_LEVEL / n) / dof), 3)
+    """Lines with 10 degrees of freedom for each of n correlated elements and 24 for their level.
+
+    A line of 30 for each element needs no neighbours: its weights cost 2 % of standard deviation.
+    """
+    return 1 if dof >= 30 * n else max(math.ceil(max(10 * n, 24 / n) / dof), 3)
 
 
 def _shrinkage(X: ComplexArray, width: int) -> float:
@@ -207,21 +202,17 @@ def _H(A: ComplexArray) -> ComplexArray:
 # Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
 # sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
 MIN_DOF = 24
-# A line whose variance exceeds the smooth one by more than chance allows (once in a thousand lines) keeps its own.
-OUTLIER_PROBABILITY = 1e-3
 
 
 def smooth_variance(
-    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0, weakness: FloatArray | None = None
+    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0
 ) -> tuple[FloatArray, FloatArray, int]:
     r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
 
     .. math:: \ln \tilde v_k = s_k + \text{mean}_{|l - k| \le w/2} (\ln v_l - s_l) + \ln c, \qquad
-              s_k = a \ln |G_k|^2 + b \ln w_k
+              s_k = a \ln |G_k|^2
 
-    The exponents a and b in [0, 1] are found by regression: a is 0 where noise ignores the resonances, 1 where it
-    follows them; b is 1 where noise sets the level, 0 where distortion does, which grows with the excitation. weakness
-    (F,): w, the inverse of the power of the input, where it is known; its spectrum may jump from line to line. The
+    The exponent a in [0, 1] is found by regression: 0 where noise ignores the resonances, 1 where it follows them. The
     mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
     for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give MIN_DOF degrees of freedom.
     A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
@@ -234,8 +225,13 @@ def smooth_variance(
         return np.zeros_like(variance), np.zeros_like(variance), 1
     width = min((width or math.ceil(MIN_DOF / dof)) // 2 * 2 + 1, n)
     log_v = np.log(variance[known])
-    followed = [_log(np.abs(G[known]) ** 2)] + ([] if weakness is None else [_log(weakness[known])])
-    shape = _shape(log_v, np.array(followed), width)
+    power = np.abs(G[known]) ** 2
+    followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
+    rough = followed - moving_mean(followed, width)
+    a = 0.0
+    if np.abs(rough).max() > 1e-9:
+        a = float(np.linalg.lstsq(rough[:, None], log_v - moving_mean(log_v, width), rcond=1e-9)[0][0])
+    shape = min(max(a, 0.0), 1.0) * followed
     geometric = np.exp(shape + moving_mean(log_v - shape, width))
     unbiased = geometric / math.exp(log_moment(1, dof, width))
     for_weights = geometric * math.exp(log_moment(-1, dof, width))
@@ -244,31 +240,6 @@ def smooth_variance(
         for_weights, unbiased = (np.where(loud, variance[known], v) for v in (for_weights, unbiased))
     lines = np.arange(len(variance))
     return np.interp(lines, lines[known], for_weights), np.interp(lines, lines[known], unbiased), width
-
-
-def _log(power: FloatArray) -> FloatArray:
-    return np.asarray(np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300))))
-
-
-def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
-    """s (F,): what of log_v (F,) follows the rows of `followed` (1 or 2, F), exponents in [0, 1]."""
-    rough_v = log_v - moving_mean(log_v, width)
-    rough = np.array([row - moving_mean(row, width) for row in followed])
-    exponents = np.linalg.lstsq(rough.T, rough_v, rcond=1e-9)[0] if np.abs(rough).max() > 1e-9 else np.zeros(len(rough))
-    if len(rough) == 2 and not np.all((exponents >= 0) & (exponents <= 1)):
-        # The best on the border of the square: one exponent at an end, the other free between its own.
-        sides = [_on_a_side(rough_v, rough, one, end) for one in (0, 1) for end in (0.0, 1.0)]
-        exponents = min(sides, key=lambda side: float(np.sum((rough_v - side @ rough) ** 2)))
-    return np.asarray(np.clip(exponents, 0.0, 1.0) @ followed)
-
-
-def _on_a_side(rough_v: FloatArray, rough: FloatArray, one: int, end: float) -> FloatArray:
-    """Exponents (2,) with one of them at an end."""
-    other = rough[1 - one]
-    best = (rough_v - end * rough[one]) @ other / max(float(other @ other), 1e-12)
-    exponents = np.full(2, end)
-    exponents[1 - one] = np.clip(best, 0.0, 1.0)
-    return exponents
 
 
 def moving_mean(values: Any, width: int) -> Any:
@@ -287,5 +258,5 @@ def log_moment(power: int, dof: float, width: int) -> float:
 
 
 def largest_by_chance(dof: float) -> float:
-    """The factor over its mean that a sample variance exceeds with probability OUTLIER_PROBABILITY."""
-    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - OUTLIER_PROBABILITY) / dof)
+    """The factor over its mean that a sample variance exceeds once in a thousand lines."""
+    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - 1e-3) / dof)

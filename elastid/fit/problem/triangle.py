@@ -137,8 +137,8 @@ class Full:
         V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
         powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
-        found = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
-        moments = np.stack([one.imag if p % 2 else one.real for p, one in enumerate(found)]).astype(np.float64)
+        sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
+        moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
         return LineSums(float(np.vdot(r, r).real), weight, part.pull(weight), moments)
 
 

@@ -15,9 +15,6 @@ from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, FrequencyResponse
 
-# The smallest eigenvalue of the correlations, relative to the largest, that is not taken for rounding.
-EIGENVALUE_TOLERANCE = 1e-10
-
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
@@ -39,9 +36,9 @@ class Whitening:
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """The same on some lines."""
-        kept = np.zeros(len(self.sigma), dtype=np.bool_)
-        kept[keep] = True
-        return Whitening(self.noise.lines(kept), self.floor[keep], self.sigma[keep], self.phase[keep])
+        mask = np.zeros(len(self.sigma), dtype=np.bool_)
+        mask[keep] = True
+        return Whitening(self.noise.lines(mask), self.floor[keep], self.sigma[keep], self.phase[keep])
 
 
 def weighs_correlations(
@@ -99,17 +96,13 @@ def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> st
     diagonal = np.arange(R.shape[1])
     part[:, diagonal, diagonal] = 1.0
     values = np.linalg.eigvalsh(part)
-    bad = np.flatnonzero(values[:, 0] < EIGENVALUE_TOLERANCE * values[:, -1])
+    bad = np.flatnonzero(values[:, 0] < 1e-10 * values[:, -1])  # rounding
     if not bad.size:
         return ""
     return (
         f"the covariance of its elements is singular at {bad.size} of {len(R)} lines, first at "
         f"{response.freq_hz[bad[0]]:g} Hz (smallest eigenvalue {values[bad[0], 0]:.1e} of the correlations)"
     )
-
-
-# The largest correction of a measured variance for its part in its own weight is the inverse of this.
-MIN_CORRECTION = 0.1
 
 
 @frozen_value
@@ -119,7 +112,7 @@ class Weights:
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
     scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
     weights.  floor: alpha.  notes: what was left out, and why.
-    is_correlated: whether the noise's covariance weighs the elements of a line together, or they count one by one.
+    is_correlated: True if the noise's covariance weighs the elements of a line together, else they count one by one.
     """
 
     sigma: FloatArray
@@ -232,7 +225,7 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, MIN_CORRECTION)))
+    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, 0.1)))
 
 
 def _matches(response: FrequencyResponse, factor: FactorSpec) -> BoolArray:

@@ -59,7 +59,7 @@ def geometry_problems(
 
 
 def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
-    """StudyError with the first of the problems."""
+    """StudyError with the first of the `geometry_problems`."""
     for name, message in geometry_problems(parameters, robot, configurations):
         raise StudyError(f"fit.parameters.{name}: {message}")
 
@@ -92,13 +92,12 @@ def _meeting(
         gap, values = gap + axes @ (solution - values), solution
     if np.linalg.norm(gap) > MIN_DISTANCE_M:
         return
-    where = (
-        ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, values, strict=True)) or "its start"
-    )
+    places = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, values, strict=True))
     yield (
         (bounded or list(free))[0].name,
         f"within the bounds both ends of compensator {compensator.name} come together in configuration "
-        f"{configuration}, at {where}, where its force has no direction; narrow them, so that its ends stay apart",
+        f"{configuration}, at {places or 'its start'}, where its force has no direction; narrow them, so that its ends "
+        "stay apart",
     )
 
 
@@ -110,10 +109,6 @@ def _pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArra
     return poses.position[0], poses.rotation[0]
 
 
-# The effect of a parameter, as a share of the strongest, below which it has none; rounding leaves about 1e-16.
-MIN_RELATIVE_EFFECT = 1e-9
-# A combination whose effect is below this share of the largest has none; rounding leaves about 1e-15.
-MIN_COMBINED_EFFECT = 1e-10
 # A parameter with a larger part in such a combination of length one belongs to it.
 MIN_PART = 1e-3
 
@@ -122,8 +117,10 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
     """FitError that names the free parameters without effect on the responses that count."""
     x = fit.parameters.x
     information = np.diag(replace(fit, inertias=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
-    effect = np.sqrt(np.maximum(information, 0.0)) * _span(fit.parameters)
-    without = effect <= MIN_RELATIVE_EFFECT * effect.max()
+    # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
+    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
+    effect = np.sqrt(np.maximum(information, 0.0)) * np.array(spans)
+    without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
     if without.any():
         names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
@@ -133,13 +130,6 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
             f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
             + (hint if places else "")
         )
-
-
-def _span(parameters: ParameterSet) -> FloatArray:
-    """A plausible change of x (n_x,): a factor e, or the range of the bounds of a linear parameter."""
-    return np.array(
-        [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in parameters.free]
-    )
 
 
 def check_scale(fit: ElasticFit, robot: Robot) -> None:
@@ -176,5 +166,5 @@ def _without_scale(R: FloatArray) -> FloatArray:
     _, values, Vt = np.linalg.svd(R, full_matrices=True)
     effect = np.zeros(len(Vt))
     effect[: len(values)] = values
-    parts: FloatArray = np.linalg.norm(Vt[effect <= MIN_COMBINED_EFFECT * effect[0]], axis=0)
-    return parts
+    # Rounding leaves about 1e-15.
+    return np.asarray(np.linalg.norm(Vt[effect <= 1e-10 * effect[0]], axis=0))

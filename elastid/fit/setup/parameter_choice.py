@@ -56,10 +56,10 @@ def groups_of(
 
 def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
     """The settings of the parameter of one group: of its own keys, else those of all groups."""
-    matching = [each for each in given if is_group_key(each) and is_match(key, each)]
-    if not matching:
+    own_keys = [given_key for given_key in given if is_group_key(given_key) and is_match(key, given_key)]
+    if not own_keys:
         return shared
-    own = given[key if key in matching else matching[-1]]
+    own = given[key if key in own_keys else own_keys[-1]]
     bounds = shared.bounds if own.bounds is None else own.bounds
     start = shared.start if own.start is None else own.start
     return replace(own, start=start, bounds=bounds, prior=own.prior or shared.prior)
@@ -74,14 +74,14 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
         where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
             raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
-        pers = [spec.per for each, spec in wanted.items() if is_match(each, name) and spec.per is not None]
+        pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
         if not pers:
             raise StudyError(
                 f"{where}: {name} has no groups; say which there are, for example {name}: {{per: robot}} with "
                 "fit.robots"
             )
-        known = [each for per in pers for each in (spec.robots if per == "robot" else per)]
-        if "configuration" not in pers and not any(is_match(each, group) for each in known):
+        known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
+        if "configuration" not in pers and not any(is_match(label, group) for label in known):
             raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
 
 
@@ -100,11 +100,8 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     return {label or "others": tuple(members) for label, members in groups.items()}
 
 
-# Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
-# Coulomb friction looks viscous to a multisine, the more the slower it slides.
+# Default bounds of a logarithmic parameter: within this factor of its start.
 BOUND_FACTOR = 100.0
-BOUND_FACTOR_OF_FRICTION = 1e4
-DELAY_BOUNDS = (0.0, 0.01)
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
@@ -113,7 +110,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
-    A key with a group behind an @ is about the parameter of that group alone (`groups`).
+    A key with a group behind an @ is about the parameter of that group alone (`groups_of`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
@@ -302,7 +299,6 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
     if asked.bounds is not None:
         return float(asked.bounds[0]), float(asked.bounds[1])
     if log:
-        return start / BOUND_FACTOR, start * (
-            BOUND_FACTOR_OF_FRICTION if name.startswith(("f_", "fm_")) else BOUND_FACTOR
-        )
-    return DELAY_BOUNDS if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)
+        # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
+        return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
+    return (0.0, 0.01) if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)  # delay: s

@@ -39,9 +39,6 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 FINE = 1e-3
 ROUGH = 0.1
 NEAR = 3.0
-# Below this distance a solve counts as converged, whatever made it stop; so does one that creeps far from any noise,
-# where the model is what is wrong, and not the search.
-CONVERGED = 1e-2
 _Solver: TypeAlias = Callable[[LeastSquares, FloatArray, Evaluation, float, int], Ending]
 _SOLVERS: dict[SolverName, _Solver] = {"trust_region": trust_region, "ipopt": ipopt}
 
@@ -69,27 +66,22 @@ def solve(
     off = distance_to_optimum(end.evaluation, problem.dof, held_by_bounds(problem, end.x, end.evaluation))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
-    converged = off < CONVERGED or end.status == CREEPING
+    # One that creeps far from any noise has converged, too: the model is wrong, and not the search.
+    converged = off < 1e-2 or end.status == CREEPING
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
 
 
-# Dampings and frictions are known less well than stiffnesses and inertias: their starts spread over factor^2.
-DAMPING_EXPONENT = 2.0
-DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
-# A linear parameter's starts spread over this share of its bounds to either side.
-LINEAR_SHARE_OF_BOUNDS = 0.1
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
-# Iterations of a rough solve, and the cost over the best beyond which one that used them all is given up.
+# Iterations of a rough solve.
 ROUGH_ITERATIONS = 60
-MAX_ROUGH_COST_RATIO = 30.0
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
     """Starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
 
-    Logarithmic parameters within `factor` of their start, dampings and frictions within factor^2, linear ones within a
-    tenth of their bounds (unbounded ones stay), all within the bounds.
+    Logarithmic parameters within `factor` of their start, dampings and frictions, which are known less well, within
+    factor^2, linear ones within a tenth of their bounds (unbounded ones stay), all within the bounds.
     """
     lower, upper = parameters.x_bounds
     n, n_x = starts - 1, len(parameters.free)
@@ -102,9 +94,9 @@ def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> F
 
 def _reach(parameter: Parameter, factor: float) -> float:
     if parameter.log:
-        return math.log(factor) * (DAMPING_EXPONENT if parameter.unit in DAMPING_UNITS else 1.0)
+        return math.log(factor) * (2 if parameter.unit in ("N*m*s/rad", "N*s/m") else 1)
     span = parameter.upper - parameter.lower
-    return LINEAR_SHARE_OF_BOUNDS * span if math.isfinite(span) else 0.0
+    return 0.1 * span if math.isfinite(span) else 0.0
 
 
 class Interrupted(KeyboardInterrupt):
@@ -129,15 +121,16 @@ def multistart(
     """
     execution = execution or Execution()
     begin = _Begin(tuple(problems), method)
-    rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
+    rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError(f"all {len(rough)} starts failed; the first with: {rough[0].message}")
     reach = best + _deviation(best, problems[-1])
-    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
+    # One that ran out of iterations is continued where it is near enough.
+    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
     polish = _Polish(problems[-1], method)
     try:
-        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
+        polished = _solved(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
     except Interrupted:
         raise Interrupted(rough) from None
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
@@ -152,18 +145,13 @@ def _deviation(cost: float, problem: LeastSquares) -> float:
     return max(1.0, cost / max(problem.dof, 1))
 
 
-def _may_fall(end: LocalOptimum, best: float) -> bool:
-    """True if a rough solve that ran out of iterations is near enough to continue."""
-    return not end.converged and end.cost <= MAX_ROUGH_COST_RATIO * best
-
-
 def _stopped(end: LocalOptimum) -> LocalOptimum:
     if not math.isfinite(end.cost):
         return end
     return replace(end, message=f"stopped early, far above the best cost; {end.message}")
 
 
-def _kept(
+def _solved(
     function: Callable[[Any], LocalOptimum], items: Mapping[str, Any], execution: Execution
 ) -> list[LocalOptimum]:
     """function of each item in order; on Ctrl-C what is done is kept in the exception."""

@@ -38,14 +38,8 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.parameters import ParameterSet
 
-# Where sqrt(V_p - V) is within this share of its level, the last step needs no evaluation; an end that is known within
-# a share of its distance from the optimum needs no step.
-LAST_STEP = 0.05
-END_TOLERANCE = 0.005
-# A step to an end is at most this many times as far from the optimum as the point before; points, at most.
+# A step to an end is at most this many times as far from the optimum as the point before.
 MAX_GROWTH = 3.0
-MAX_POINTS = 15
-MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
@@ -111,7 +105,7 @@ class _Work:
         inside, outside, last = 0.0, math.inf, begin
         points: list[_Point] = []
         at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
-        while len(points) < MAX_POINTS:
+        while len(points) < 15:
             at = min(at, bound) if side > 0 else max(at, bound)
             point = self._moved(place, last, at)
             points.append(point)
@@ -125,8 +119,9 @@ class _Work:
             slope = side * point.slope / (2 * rise) if 0 < rise < math.inf else 0.0
             reach = _next_reach(abs(at - optimum), (inside, outside), level - rise, slope)
             at = optimum + side * reach
-            near = slope > 0 and abs(level - rise) < LAST_STEP * level
-            if near or outside - inside < END_TOLERANCE * outside:
+            # The last step needs no evaluation where sqrt(V_p - V) is near its level, nor does an end that is known.
+            is_near = slope > 0 and abs(level - rise) < 0.05 * level
+            if is_near or outside - inside < 0.005 * outside:
                 return at, points
             last = point if math.isfinite(rise) else last
         return optimum + side * outside, points
@@ -141,7 +136,7 @@ class _Work:
             beginning = self.problem.evaluate(x)
         if not math.isfinite(beginning.cost):  # no model there
             return _Point(x, math.inf, math.inf, last.tangent)
-        end = trust_region(self.problem, x, beginning, ROUGH, MAX_ITERATIONS, self._is(place))
+        end = trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place))
         return self._point(place, end)
 
     def _point(self, place: int, end: Ending) -> _Point:
@@ -168,12 +163,8 @@ def _next_reach(reach: float, ends: tuple[float, float], missing: float, slope: 
     return MAX_GROWTH * inside if math.isinf(outside) else 0.5 * (inside + outside)
 
 
-# The error of an interval's end, as a share of the interval, above which it is found by profile likelihood, and for how
-# many parameters at most: each costs some ten to twenty evaluations.
-MAX_INTERVAL_ERROR = 0.1
+# Parameters with a profile likelihood, at most: each costs some ten to twenty evaluations.
 MAX_PROFILES = 6
-# Share of the repetitions of a bootstrap that may fail without a note.
-MAX_FAILED_SHARE = 0.05
 
 
 def interval_errors(
@@ -228,7 +219,7 @@ def add_intervals(
         kind, weights = spec.bootstrap_kind, optimum.weights
         draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
-        if np.mean(~good) > MAX_FAILED_SHARE:
+        if np.mean(~good) > 0.05:
             notes.append(
                 Note(
                     "bootstrap-failures",
@@ -256,9 +247,9 @@ def profile_ends(
 def choose_profiles(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters over whose interval V is not quadratic: those to profile, and those beyond the limit."""
+    """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
     off, free = interval_errors(problem, x, variance, execution), problem.parameters.free_names
-    worst = sorted(np.flatnonzero(off > MAX_INTERVAL_ERROR), key=lambda i: -off[i])
+    worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 

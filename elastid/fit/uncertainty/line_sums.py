@@ -166,8 +166,6 @@ def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[st
 
 
 MIN_BANDS, MAX_BANDS = 4, 24
-# Correlation lengths of the residuals in a band.
-LENGTHS_PER_BAND = 2.0
 
 
 @frozen_value
@@ -184,7 +182,7 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
     >>> bands(60, 7.0)
     (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
     """
-    wanted = int(np.clip(n_lines / (LENGTHS_PER_BAND * length), MIN_BANDS, MAX_BANDS))
+    wanted = int(np.clip(n_lines / (2 * length), MIN_BANDS, MAX_BANDS))
     edges = np.unique(np.linspace(0, n_lines, wanted + 1).round().astype(int))
     return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
@@ -204,18 +202,10 @@ def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length
     return Blocks(np.array(pulls), np.array(noise) if S is not None else None)
 
 
-# With fewer configurations the scatter is not estimated.
-MIN_CONFIGURATIONS = 3
-# Eigenvalues of the scaled information below this share of the largest: only the configuration left out informs them.
-RANK_TOLERANCE = 1e-10
-# Eigenvalues of a block's scaled covariance below this share of the largest: nothing is measured in that direction.
-BLOCK_RANK_TOLERANCE = 1e-9
-
-
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:
     """Variances (n_x,) of x, zero for fewer than three configurations; A (n_x, n_x): J^T J of all, priors included."""
     Q = len(parts)
-    if Q < MIN_CONFIGURATIONS:
+    if Q < 3:
         return np.zeros(len(A))
     length = np.sqrt(np.diag(A))
     length[length == 0] = 1.0
@@ -228,7 +218,7 @@ def _moved_without(part: LineSums, A: FloatArray, length: FloatArray) -> FloatAr
     """The change of x (n_x,) without a configuration, in the directions that the others determine."""
     rest = (A - part.rows.T @ part.rows) / np.outer(length, length)
     values, vectors = np.linalg.eigh(rest)
-    known = values > RANK_TOLERANCE * max(values[-1], 1e-300)
+    known = values > 1e-10 * max(values[-1], 1e-300)  # less is known from this configuration alone
     pull = part.pull.sum(axis=1) / length
     step = vectors[:, known] @ ((vectors[:, known].T @ pull) / values[known])
     return np.asarray(step / length)
@@ -251,7 +241,7 @@ def disagreement(blocks: Sequence[Blocks], A_inverse: FloatArray) -> float:
     for block in blocks:
         for pull, noise in zip(block.pull, () if block.noise is None else block.noise, strict=block.noise is not None):
             values, vectors = np.linalg.eigh(noise * np.outer(scale, scale))
-            known = values > BLOCK_RANK_TOLERANCE * max(float(values[-1]), 1e-300)
+            known = values > 1e-9 * max(float(values[-1]), 1e-300)
             total += float(np.sum((vectors[:, known].T @ (scale * pull)) ** 2 / values[known]))
             rank += int(np.count_nonzero(known))
     return total / rank if rank > 0 else math.nan
