@@ -32,7 +32,18 @@ class Whitening:
     @property
     def matrix(self) -> ComplexArray:
         """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
-        return whitening(self.noise.full(), self.floor, self.sigma, self.phase)
+        F, n_y, n_u = self.sigma.shape
+        row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
+        C = self.noise.full()[:, row_by_row[:, None], row_by_row].copy()
+        used = np.isfinite(self.sigma).reshape(F, -1)
+        s = np.where(used, self.sigma.reshape(F, -1), 1.0)
+        diagonal = np.arange(n_y * n_u)
+        C[:, diagonal, diagonal] += self.floor.reshape(F, -1) ** 2
+        both = used[:, :, None] & used[:, None, :]
+        relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
+        relative[:, diagonal, diagonal] += ~used
+        L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
+        return np.asarray(L_inverse * self.phase.reshape(F, 1, -1))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """The same on some lines."""
@@ -62,28 +73,6 @@ def weighs_correlations(
     if flaw and asked:
         raise DataError(f"{where}: {flaw}; take fit.weights.covariance: diagonal, or a floor above zero")
     return not flaw
-
-
-def whitening(
-    noise: ComplexArray, floor: FloatArray, sigma: FloatArray, phase: ComplexArray | FloatArray
-) -> ComplexArray:
-    """L^-1 diag(sigma phase) (F, m, m) that whitens errors relative to sigma; elements in the order of G, row by row.
-
-    noise (F, m, m): vec column-major.  floor, sigma, phase (F, n_y, n_u): alpha |G|, inf where an element is left out,
-    and factors of modulus one between the residual and the error of G.
-    """
-    F, n_y, n_u = sigma.shape
-    row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
-    C = noise[:, row_by_row[:, None], row_by_row].copy()
-    used = np.isfinite(sigma).reshape(F, -1)
-    s = np.where(used, sigma.reshape(F, -1), 1.0)
-    diagonal = np.arange(n_y * n_u)
-    C[:, diagonal, diagonal] += floor.reshape(F, -1) ** 2
-    both = used[:, :, None] & used[:, None, :]
-    relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
-    relative[:, diagonal, diagonal] += ~used
-    L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
-    return np.asarray(L_inverse * phase.reshape(F, 1, -1))
 
 
 def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> str:
@@ -162,33 +151,20 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     if spec.band_hz is not None:
         used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
     notes: list[Note] = []
+
+    def note(code: str, text: str) -> None:
+        notes.append(Note(code, text, f"configuration {where}"))
+
     if response.uncertainty is None:
-        notes.append(
-            Note(
-                "no-variance",
-                f"no variance is known; the floor of {floor:g} alone weighs its lines",
-                f"configuration {where}",
-            )
-        )
+        note("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines")
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
-        notes.append(
-            Note(
-                "elements-left-out",
-                f"left out, no more than noise: {_element_names(response, mute)}",
-                f"configuration {where}",
-            )
-        )
+        names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
+        note("elements-left-out", f"left out, no more than noise: {names}")
         used &= ~mute
     silent = used & (sigma == 0)
     if silent.any():
-        notes.append(
-            Note(
-                "elements-left-out",
-                f"left out, {int(silent.sum())} elements of zero variance and no floor",
-                f"configuration {where}",
-            )
-        )
+        note("elements-left-out", f"left out, {int(silent.sum())} elements of zero variance and no floor")
         used &= ~silent
     sigma = np.where(used, sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
@@ -250,12 +226,6 @@ def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used:
     power = np.abs(response.G) ** 2
     ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
     return np.asarray(np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0))
-
-
-def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
-    return ", ".join(
-        f"{response.outputs[i]} from {response.inputs[j]}" for i, j in zip(*np.nonzero(chosen), strict=True)
-    )
 
 
 def check_factors(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
