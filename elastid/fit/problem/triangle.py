@@ -12,7 +12,7 @@ of diagonal weights it has the diagonal alone. Lines that fill up the last batch
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
