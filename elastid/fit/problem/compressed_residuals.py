@@ -1,4 +1,14 @@
-"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them."""
+"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them.
+
+The weights of the residuals of a line are a triangle: R of the weighted residuals q - R g of its elements g. `Full`
+works with NumPy; `Packed` with loops in C (`base/kernels/line_loops.c`) where the kernels are built: whitening and sums
+over the lines in one pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its diagonal (F, n_e)
+where elements count one by one.
+
+For the loops in C lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the
+processor takes several at once. R (batches, n_r, 2, BATCH) has its rows one below the other, each from its diagonal on;
+of diagonal weights it has the diagonal alone. Lines that fill up the last batch are zero.
+"""
 
 from __future__ import annotations
 

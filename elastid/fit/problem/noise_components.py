@@ -86,8 +86,8 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
         WSW = np.asarray(W @ S @ W)
         t = np.einsum("fab,fba->f", W, S).real / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
-        a = a * _ratio(_own(WSW, w, shapes), _own(W, w, shapes))
-        b = b * _ratio(_torque(WSW, w, shapes, g), _torque(W, w, shapes, g))
+        a = a * _ratio(_own_power(WSW, w, shapes), _own_power(W, w, shapes))
+        b = b * _ratio(_torque_power(WSW, w, shapes, g), _torque_power(W, w, shapes, g))
     return lambda other: np.asarray(
         (_sum(a, b, other, other.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
@@ -101,12 +101,12 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     return np.asarray(C)
 
 
-def _own(W: ComplexArray, w: FloatArray, shapes: NoiseShapes) -> FloatArray:
+def _own_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes) -> FloatArray:
     """sum_k w_k tr(Q W) (p, n_y) of the noise on the outputs."""
     return np.asarray((shapes.own * w) @ np.einsum("faa->fa", W).real)
 
 
-def _torque(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> FloatArray:
+def _torque_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> FloatArray:
     """sum_k w_k tr(Q W) (q, n_u) of torques."""
     return np.asarray((shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real)
 

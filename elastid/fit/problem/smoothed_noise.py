@@ -1,7 +1,23 @@
 r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
 
-A full covariance is smoothed around a model of the noise.  With the model C = L L^H (`noise_components`) the whitened
-covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken from the neighbouring lines:
+A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
+at its inputs that pass through it.
+
+.. math:: C(k) = \sum_i a_i(\omega)\, e_i e_i^T + \sum_j b_j(\omega)\, g_j(k) g_j(k)^H, \qquad a_i, b_j \ge 0
+
+g_j are the columns of the measured response: noise of the torque, friction and disturbances at a motor move all outputs
+together, strongest at the resonances. a_i is a sum of white noise in position, velocity and acceleration; b_j of white
+torque, torque that falls with frequency, and torque that grows with the excitation. These few levels are found over all
+lines by maximum likelihood of Wishart matrices with a majorising step,
+
+.. math:: \theta \leftarrow \theta\, \frac{\sum_k w_k\, \mathrm{tr}(Q C^{-1} S C^{-1})}
+                                          {\sum_k w_k\, \mathrm{tr}(Q C^{-1})}, \qquad C = \sum \theta Q
+
+so that they are known far better than the covariance S of a line. w_k <= 1 is small where a line is far noisier than
+the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, JCGS 28, 2019.)
+
+With the model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken
+from the neighbouring lines:
 
 .. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
 
