@@ -65,7 +65,7 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
     ],
 )
 def test_readings_bodies_and_springs_that_the_robot_lacks_have_sentences(fault: str, words: str) -> None:
-    """Two of a robot's motors that both are mirrored, or neither: the data cannot distinguish them which one is."""
+    """Two of a robot's motors that both are mirrored, or neither: the data cannot distinguish them."""
     sentence = next(note.text for note in fitted(fault).notes if note.code == "modification-index")
     assert sentence.startswith(words)
 
