@@ -75,6 +75,8 @@ def solve(
 MAX_HIT_EXCESS = 0.1
 # Iterations of a rough solve.
 ROUGH_ITERATIONS = 60
+# Of dampings and frictions.
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
@@ -94,7 +96,7 @@ def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> F
 
 def _reach(parameter: Parameter, factor: float) -> float:
     if parameter.log:
-        return math.log(factor) * (2 if parameter.unit in ("N*m*s/rad", "N*s/m") else 1)
+        return math.log(factor) * (2 if parameter.unit in DAMPING_UNITS else 1)
     span = parameter.upper - parameter.lower
     return 0.1 * span if math.isfinite(span) else 0.0
 
