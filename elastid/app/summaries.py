@@ -15,9 +15,9 @@ import numpy as np
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel

@@ -12,8 +12,8 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.elastic import ElasticFit, at_measured_places, elastic_fit
+from elastid.fit.problem.weights import Weights
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.model.spec import ModelSpec

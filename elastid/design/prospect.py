@@ -26,8 +26,8 @@ from elastid.excitation.grids import line_frequencies
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.fit.problem.weights import weigh, with_diagonal_weights
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights.weights import weigh, with_diagonal_weights
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.escape import c_comment, c_identifiers
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store import text_file
 
@@ -113,7 +114,7 @@ def _starts(joint: FollowedJoint) -> str:
     std = np.sqrt(np.diag(start.P))
     for i, state in enumerate(joint.states):
         if state in joint.followed:
-            ends = start.x[i] + 1.959964 * std[i] * np.array([-1, 1])
+            ends = start.x[i] + QUANTILE_95 * std[i] * np.array([-1, 1])
             low, high = ends if state == "offset" else np.exp(ends)
             told.append(f"{state} {low:.4g} to {high:.4g}")
     return ", ".join(told)

@@ -16,14 +16,11 @@ from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-
-# Of ln k; a larger one is of a fit that ended far from any robot.
-LARGEST_EFFECT = 50.0
 
 
 @frozen_value
@@ -66,7 +63,8 @@ class ModificationIndex:
         if not stiff:
             return "", 0.0
         most = max(stiff, key=lambda i: abs(float(self.effects[i])))
-        return free_names[most], math.expm1(min(float(self.effects[most]), LARGEST_EFFECT))
+        # A larger change of ln k is of a fit that ended far from any robot.
+        return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
 
 
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
@@ -92,13 +90,13 @@ MEANING: dict[Status, str] = {
     "configurations and robot",
 }
 
-# V beyond its expectation, in standard deviations, that is taken for a model error: of a true model once in 700 times.
-MIN_EXCESS_DEVIATIONS = 3.0
-
 
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds what the noise explains; 2 / cost_dof: relative variance of their ratio."""
-    return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
+    """True if V exceeds what the noise explains by 3 standard deviations, once in 700 fits of a true model.
+
+    2 / cost_dof: relative variance of their ratio.
+    """
+    return cost > expected_cost * (1 + 3 * math.sqrt(2 / max(cost_dof, 1.0)))
 
 
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))

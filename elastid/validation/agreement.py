@@ -15,8 +15,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.weights.weights import vec
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.fit.problem.weights import vec
 from elastid.response import FrequencyResponse
 from elastid.validation.cross_validation import generalises
 from elastid.validation.residual_tests import (

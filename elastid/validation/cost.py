@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.fit.problem.weights import weigh
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights.weights import weigh
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, falls_short_by_chance
 from elastid.validation.results import Agreement, are_white, noise_p, power_ratio

@@ -10,7 +10,7 @@ from scipy.special import fdtr, fdtrc, gammaincc, log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import chi_square_tail
-from elastid.fit.weights.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
+from elastid.fit.problem.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 # Probability of a verdict against a true model.

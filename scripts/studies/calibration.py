@@ -44,8 +44,8 @@ from study_plants import NOISE, Plant, Rig, demo, of_study, responses, three_mas
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.setup.assembly import RelinearisedOptimum, relinearise
-from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty, inverse_information
 from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends

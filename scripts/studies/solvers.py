@@ -52,8 +52,16 @@ from elastid.base.errors import FitError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.multistart import DAMPING_UNITS, MAX_HIT_EXCESS, ROUGH_ITERATIONS, multistart, spread
-from elastid.fit.solve.solvers import FINE, NEAR, solve
+from elastid.fit.solve.solvers import (
+    DAMPING_UNITS,
+    FINE,
+    MAX_HIT_EXCESS,
+    NEAR,
+    ROUGH_ITERATIONS,
+    multistart,
+    solve,
+    spread,
+)
 from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
 from elastid.parameters import ParameterSet
 

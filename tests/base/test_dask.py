@@ -10,7 +10,7 @@ from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.execution import on_dask, ordered, surviving
-from elastid.fit.solve.multistart import multistart, spread
+from elastid.fit.solve.solvers import multistart, spread
 
 distributed = pytest.importorskip("distributed")
 

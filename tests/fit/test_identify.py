@@ -234,10 +234,10 @@ def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
 
 
 def test_input_and_output_of_the_only_motor_are_named_together() -> None:
-    """With one channel of each kind, the data cannot tell which of the two is wrong."""
+    """With one channel of each kind, the data do not show which of the two is wrong."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
     result = identify([turned(response, "motor 1")], pendulum(), FitSpec(starts=2))
-    either = "y at motor 1 with the other sign (or u at motor 1 with the other sign: the data cannot tell)"
+    either = "y at motor 1 with the other sign (or u at motor 1 with the other sign: the data cannot distinguish them)"
     assert said(result.notes)[0].startswith(f"{either} would explain 99 %")
 
 

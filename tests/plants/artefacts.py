@@ -9,8 +9,8 @@ from hypothesis import settings
 from hypothesis.extra.numpy import arrays
 
 from elastid.base.note import Note
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store import Stamp
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Plan
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ReportContent

@@ -223,7 +223,7 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
     """At the parameter's line; beside the two others of the robot's file it is the one at fault."""
     edited(tiny, "inertia: 1e-3\n", "inertia: [1e-3, 1e-3, 1e-3]\n", "robot.yml")
     (error,) = errors(edited(tiny, "d_1: {}", "I_load_zz: {start: 5}"))
-    assert "fit.parameters.I_load_zz: the start gives body load an inertia that no body can have" in error
+    assert "fit.parameters.I_load_zz: the start gives body load a physically impossible inertia" in error
     line = int(error.partition(":")[2].partition(":")[0])
     assert "I_load_zz" in tiny.read_text().splitlines()[line - 1]
     load(edited(tiny, "start: 5", "start: 1.9e-3"))

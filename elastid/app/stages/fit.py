@@ -19,7 +19,7 @@ from elastid.export.intervals import lines_of
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
-from elastid.fit.solve.multistart import Interrupted
+from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut

@@ -1,4 +1,4 @@
-/* The sums over lines of `fit/problem/line_loops.py`, numbers of type REAL. */
+/* The sums over lines of `fit/problem/compressed_residuals.py`, numbers of type REAL. */
 
 #include "line_residuals.h"
 

@@ -4,7 +4,7 @@ r"""Configurations that disagree: two groups with different parameters, as of tw
 
 The search for two groups starts with the two configurations whose own parameters describe all of them best, and
 alternates: fit each group, move every configuration to the group that describes it better, until none moves.  Where own
-parameters hardly describe a configuration better than common ones, no grouping does.
+parameters describe no configuration better than common ones, no grouping does.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.diagnosis.prediction import as_read, settle, thinned
+from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
@@ -35,6 +35,10 @@ class Limits:
     removed_share, removed_alone: of V beyond the noise that two groups, and own parameters of each configuration,
     remove.  cost_ratio, cost_ratio_alone: V of the others without foreign configurations over V with them, and the same
     with own parameters.  difference: of a parameter between groups, in standard deviations.
+    rounds, iterations, prior_std: of the search for two groups, its fits, and the prior of ln p about the common
+    optimum, since one configuration does not determine everything.  decrease: of V by a step, as a share, below which a
+    fit without foreign configurations ends; two are left out at once of up to `pairs_of` configurations.
+    named: parameters that a note names.
     """
 
     explained_share: float = 0.8
@@ -44,18 +48,15 @@ class Limits:
     cost_ratio: float = 0.1
     cost_ratio_alone: float = 0.5
     difference: float = 5.0
+    rounds: int = 4
+    iterations: int = 40
+    prior_std: float = 0.3
+    decrease: float = 0.1
+    pairs_of: int = 6
+    named: int = 3
 
 
 LIMITS = Limits()
-# Of the search for two groups: rounds, iterations of each fit, and the standard deviation (of ln p) of the prior about
-# the common optimum, since one configuration does not determine everything.
-MAX_ROUNDS, MAX_ITERATIONS, PRIOR_STD = 4, 40, 0.3
-# Steps that lower V by less than this part end a fit without foreign configurations; with up to so many
-# configurations, two are left out at once.
-MIN_DECREASE = 0.1
-MAX_CONFIGURATIONS_IN_PAIRS = 6
-# A note names at most so many parameters.
-MAX_NAMED = 3
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
@@ -101,15 +102,15 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
     own = np.zeros(Q) if alone is None else np.diag(alone)
     common = np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts])
     free = np.ones(len(x), dtype=bool)
-    for size in range(1, 3 if Q <= MAX_CONFIGURATIONS_IN_PAIRS else 2):
+    for size in range(1, 3 if LIMITS.pairs_of >= Q else 2):
         ratios: dict[tuple[int, ...], float] = {}
         for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
-            others = [i for i in range(Q) if i not in left_out]
-            if own[others].sum() > LIMITS.cost_ratio_alone * common[others].sum():
+            rest_of = [i for i in range(Q) if i not in left_out]
+            if own[rest_of].sum() > LIMITS.cost_ratio_alone * common[rest_of].sum():
                 continue
-            rest = replace(thin, parts=tuple(thin.parts[i] for i in others))
+            rest = replace(thin, parts=tuple(thin.parts[i] for i in rest_of))
             before = rest.evaluate(x).cost
-            V = min(settle(as_read(), rest, start, free, MIN_DECREASE)[0] for start in (x, fit.parameters.x))
+            V = min(settle(AS_READ, rest, start, free, LIMITS.decrease)[0] for start in (x, fit.parameters.x))
             if LIMITS.cost_ratio * before >= V:
                 ratios[left_out] = V / before
         if ratios:
@@ -140,7 +141,7 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
         """The parameter with a loose prior at x, if it has none and is logarithmic."""
         if p.name not in values or p.prior is not None or not p.log:
             return p
-        return replace(p, prior=Prior(math.exp(values[p.name]), PRIOR_STD))
+        return replace(p, prior=Prior(math.exp(values[p.name]), LIMITS.prior_std))
 
     parameters = replace(fit.parameters, parameters=tuple(map(near, fit.parameters.parameters)))
     try:
@@ -196,9 +197,9 @@ def find_two_groups(
 
 
 def _advice(first: Sequence[str], second: Sequence[str], robots: Mapping[str, Sequence[str]]) -> str:
-    known, others = ([name for name, members in robots.items() if set(members) & set(g)] for g in (first, second))
-    if robots and not set(known) & set(others):
-        return f"these are the robots {', '.join(known)} and {', '.join(others)}: give what differs `per: robot`"
+    of_first, of_second = ([name for name, own in robots.items() if set(own) & set(g)] for g in (first, second))
+    if robots and not set(of_first) & set(of_second):
+        return f"these are the robots {', '.join(of_first)} and {', '.join(of_second)}: give what differs `per: robot`"
     return (
         "are they of two robots of one type, or with two loads? name them in fit.robots and give what differs `per: "
         "robot`, or fit one of them alone"
@@ -210,7 +211,7 @@ def _split(fit: ElasticFit, x: FloatArray, costs: FloatArray) -> _Split | None:
     both = np.minimum(costs[:, None, :], costs[None, :, :]).sum(axis=2)
     a, b = np.unravel_index(int(np.argmin(both)), both.shape)
     in_second = costs[b] < costs[a]
-    for _ in range(MAX_ROUNDS):
+    for _ in range(LIMITS.rounds):
         if in_second.all() or not in_second.any():
             return None
         first, second = (_solve(_group(fit, group), x) for group in (~in_second, in_second))
@@ -228,7 +229,7 @@ def _group(fit: ElasticFit, members: BoolArray) -> ElasticFit:
 
 
 def _solve(fit: ElasticFit, x: FloatArray) -> FloatArray:
-    return solve(fit.problem, x, ROUGH, MAX_ITERATIONS).x
+    return solve(fit.problem, x, ROUGH, LIMITS.iterations).x
 
 
 def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
@@ -245,7 +246,7 @@ def _differences(fit: ElasticFit, split: _Split) -> str:
         for group, x in ((~split.in_second, split.first), (split.in_second, split.second))
     )
     z = np.abs(split.first - split.second) / np.sqrt(np.maximum(variance, 1e-300))
-    far = [i for i in np.argsort(-z)[:MAX_NAMED] if z[i] > LIMITS.difference]
+    far = [i for i in np.argsort(-z)[: LIMITS.named] if z[i] > LIMITS.difference]
     first, second = (fit.parameters.as_dict(x) for x in (split.first, split.second))
     free = fit.parameters.free
     words = [f"{free[i].name} {first[free[i].name]:.4g} against {second[free[i].name]:.4g} {free[i].unit}" for i in far]

@@ -109,7 +109,7 @@ def _late(index: ModificationIndex) -> str:
 
 def _late_advice(index: ModificationIndex, result: FitResult) -> str:
     delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
-    hold = next((each for each in result.indices if each.name == "hold" and each.name in names), None)
+    hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
     if hold is not None and hold.steps[0] < 0:
         return "leave hold: zero-order out where u was measured, and check the delay"
     if hold is not None:
@@ -126,8 +126,6 @@ def _late_advice(index: ModificationIndex, result: FitResult) -> str:
 
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
-_STIFFNESSES = ("k", "km", "ki", "kc", "k2", "k2s", "k3")
-_LENGTHS = ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("frequency unit", notes=find_wrong_frequency_unit),
@@ -167,9 +165,9 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("centre of mass", ("c",), Size(0.02, 0.3)),
     Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
     Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
-    Hypothesis("stiffness", _STIFFNESSES, Size(0.3, math.log(30), True)),
+    Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True)),
     Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True)),
-    Hypothesis("length", _LENGTHS, Size(0.005, 0.2)),
+    Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
         phrase=_payload,

@@ -35,14 +35,31 @@ from elastid.fit.uncertainty.covariance import Uncertainty
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 
-# Responses may have been misread beyond this model error or, where the noise is unknown, where the model explains a
-# smaller share of them.  False-alarm rate: not measured.
-SUSPECT_MODEL_ERROR = 10.0
-SUSPECT_EXPLAINED_SHARE = 0.9
-# Probability that any of the candidates has so large a drop by the noise alone; at most 1 % of clean fits have a
-# sentence (scripts/studies/modification_indices.py, 300 fits).  Bonferroni over all candidates, not a false discovery
-# rate: a single false cause in a report is one too many, and their drops are strongly correlated.
-FALSE_ALARM_RATE = 0.01
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of causes and their sentences; at most 1 % of clean fits have a sentence.
+
+    (scripts/studies/modification_indices.py, 300 fits.)  suspect_model_error, suspect_explained_share: beyond this
+    model error or, where the noise is unknown, below this share responses may have been misread; false-alarm rate: not
+    measured.  false_alarm_rate: probability that any of the candidates has so large a drop by the noise alone;
+    Bonferroni over all candidates, not a false discovery rate: a single false cause in a report is one too many, and
+    their drops are strongly correlated.  stated_share: of the excess, below which a cause has no sentence;
+    reason_share: below which even the best is not named as the reason.  alternatives: causes that a sentence names
+    besides; effect: the least on a stiffness that it names.  prior_std: the widest prior that is recommended.
+    """
+
+    suspect_model_error: float = 10.0
+    suspect_explained_share: float = 0.9
+    false_alarm_rate: float = 0.01
+    stated_share: float = 0.1
+    reason_share: float = 0.3
+    alternatives: int = 3
+    effect: float = 0.005
+    prior_std: float = 0.5
+
+
+LIMITS = Limits()
 # The family of channels in another unit, whose readings follow from the size of the responses.
 SCALE = "scale"
 
@@ -121,7 +138,7 @@ class Scores:
     def significant(self) -> dict[int, float]:
         """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
         counts = {candidate.directions.shape[1] for candidate in self.candidates}
-        tail = FALSE_ALARM_RATE / max(len(self.candidates), 1)
+        tail = LIMITS.false_alarm_rate / max(len(self.candidates), 1)
         return {n: max(self.level, 1e-300) * chi_square_limit(n, tail) for n in counts}
 
 
@@ -163,8 +180,8 @@ class Evidence:
     def is_suspect(self) -> bool:
         """True if the residuals are so large that responses may have been misread."""
         if self.noise_is_measured:
-            return self.result.model_error > SUSPECT_MODEL_ERROR
-        return self.explained < SUSPECT_EXPLAINED_SHARE
+            return self.result.model_error > LIMITS.suspect_model_error
+        return self.explained < LIMITS.suspect_explained_share
 
     @property
     def is_unexplained(self) -> bool:
@@ -182,22 +199,13 @@ class Evidence:
         return {h.family for h in self.hypotheses if h.changes is not None} | {SCALE}
 
 
-# A cause that explains less is not worth a sentence; where even the best explains less than the second, no one number
-# is the reason.  Measured: the clean fits with any sentence are at most 1 % (scripts/studies/modification_indices.py).
-MIN_STATED_SHARE = 0.1
-MIN_REASON_SHARE = 0.3
-# A sentence names so many others that cannot be distinguished, and the stiffness that moves most, if by so much.
-MAX_OTHERS = 3
-MIN_EFFECT = 0.005
-# A prior that is recommended is not wider.
-MAX_PRIOR_STD = 0.5
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
-    if sequence and sequence[0].share < MIN_REASON_SHARE:
+    if sequence and sequence[0].share < LIMITS.reason_share:
         best = sequence[0]
         text = (
             f"no number that the fit held explains more than {_percent(best.share)} of what the residuals have beyond "
@@ -205,19 +213,19 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
             "those that are possible and let elastid compare --search find which the data show"
         )
         return (Note("modification-index", text),)
-    stated = [index for index in sequence if index.share >= MIN_STATED_SHARE]
+    stated = [index for index in sequence if index.share >= LIMITS.stated_share]
     return tuple(Note("modification-index", _sentence(index, evidence)) for index in stated)
 
 
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
     result = evidence.result
     by_name = {other.name: phrase(other, evidence) for other in reversed(result.indices)}
-    others = [by_name.get(name, name) for name in index.alike[:MAX_OTHERS]]
-    same = f" (or {', or '.join(others)}: the data cannot tell)" if others else ""
+    alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.alternatives]]
+    same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
     name, change = index.most_moved(result.parameters.free_names)
-    effect = f" and change {name} by {relative(1 + change)}" if abs(change) > MIN_EFFECT else ""
+    effect = f" and change {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
     return (
-        f"{'beside that, ' if index.place > 1 else ''}{phrase(index, evidence)}{same} would explain "
+        f"{'besides that, ' if index.place > 1 else ''}{phrase(index, evidence)}{same} would explain "
         f"{_percent(index.share)} of what the residuals have beyond the noise{effect}: {_advice(index, evidence)}"
     )
 
@@ -247,7 +255,7 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     if not isinstance(advice, str):
         return advice(index, evidence.result)
     size = None if hypothesis is None else hypothesis.size
-    usual = min(0.1 if size is None else size.usual, MAX_PRIOR_STD)
+    usual = min(0.1 if size is None else size.usual, LIMITS.prior_std)
     return advice.format(name=index.name, where=index.name.partition("_")[2], usual=usual)
 
 

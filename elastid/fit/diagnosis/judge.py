@@ -42,20 +42,30 @@ from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
-# Real residuals of the score test: with more, every so many lines of each configuration are taken.
-MAX_RESIDUALS = 60_000
-# Squared correlation, and ratio of the drops, from which two candidates cannot be distinguished; and ratio of the
-# drops from which the more usual of the two is named first.
-MIN_EQUAL_CORRELATION = 0.95
-MIN_EQUAL_DROP = 0.9
-MIN_SAME_DROP = 0.99
-# Each further number that is freed at once counts like so much less of the excess; each in a sequence explains so much.
-SHARE_OF_NUMBER = 0.03
-MIN_FURTHER_SHARE = 0.05
-MAX_SEQUENCE = 3
-# Candidates in the table, and those of them that are judged by their forms.
-MAX_ALONE = 15
-MAX_RANKED = 25
+
+@dataclass(frozen=True)
+class RankingLimits:
+    """Thresholds of the ranking of causes; false-alarm rates: not measured.
+
+    residuals: real ones of the score test; with more, every so many lines of each configuration are taken.
+    equal_correlation (squared), equal_drop: ratio of the drops, from which two candidates cannot be distinguished;
+    same_drop: from which the more usual of the two is named first.  number_share: of the excess, charged for each
+    further number that is freed at once; further_share: that each in a sequence explains.  sequence, alone, ranked:
+    candidates in a sequence, in the table, and those that are judged by their forms.
+    """
+
+    residuals: int = 60_000
+    equal_correlation: float = 0.95
+    equal_drop: float = 0.9
+    same_drop: float = 0.99
+    number_share: float = 0.03
+    further_share: float = 0.05
+    sequence: int = 3
+    alone: int = 15
+    ranked: int = 25
+
+
+RANKING = RankingLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +81,7 @@ class _Sums:
 def score(evidence: Evidence, execution: Execution) -> Scores:
     """The score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, MAX_RESIDUALS)
+    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RANKING.residuals)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
     sums = partial(_sums, held, assembly.parameters, x, columns)
     parts = [part for part in thin.parts if part.n_residuals]
@@ -170,7 +180,7 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
     """Causes that lower V by more than chance: the best and what explains more with it, then each alone.
 
     Largest share first, each further number of a candidate counting against it.  Where V is that of the noise, a share
-    may be of hardly any excess.
+    may be of a small excess.
     """
     indices = _ranked(scores.test, scores)
     for hypothesis in evidence.hypotheses:
@@ -183,18 +193,18 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
         further = (len(index.members) - 1) * (not index.name.endswith("*"))
         hypothesis = hypothesis_of_index(index, evidence.hypotheses)
         weight = 1.0 if hypothesis is None else hypothesis.plausibility(index)
-        return (index.share - SHARE_OF_NUMBER * further) * weight
+        return (index.share - RANKING.number_share * further) * weight
 
     alone = sorted(indices, key=rank, reverse=True)
     first = _most_usual(alone, scores)
-    alone = [first, *(index for index in alone if index.name != first.name)][:MAX_ALONE]
+    alone = [first, *(index for index in alone if index.name != first.name)][: RANKING.alone]
     return (replace(first, place=1), *_further(first, scores), *alone)
 
 
 def _most_usual(alone: list[ModificationIndex], scores: Scores) -> ModificationIndex:
     """The best cause; of those that explain as much in the same way, the one whose step is the most usual."""
     best, usual = alone[0], {number.name: number.usual for number in scores.test.numbers}
-    equal = [index for index in alone if index.name in best.alike and index.share > MIN_SAME_DROP * best.share]
+    equal = [index for index in alone if index.name in best.alike and index.share > RANKING.same_drop * best.share]
     choice = [index for index in (best, *equal) if index.members]
     if not equal or len(choice) < 2:
         return best
@@ -206,12 +216,12 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
     """The best number with the first freed, the best with both freed."""
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     before, further, test = first, list[ModificationIndex](), scores.test
-    for place in range(2, MAX_SEQUENCE + 1):
+    for place in range(2, RANKING.sequence + 1):
         linear = as_delay(before.name)
         if linear not in by_name or before.group == "compliance":  # a further resonance is no linear change
             break
         test = test.freed(by_name[linear])
-        best = [index for index in _ranked(test, scores, place, 1)[:1] if index.share >= MIN_FURTHER_SHARE]
+        best = [index for index in _ranked(test, scores, place, 1)[:1] if index.share >= RANKING.further_share]
         if not best:
             break
         further += best
@@ -219,12 +229,12 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
     return further
 
 
-def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RANKED) -> list[ModificationIndex]:
+def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING.ranked) -> list[ModificationIndex]:
     """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant = scores.candidates, scores.significant
     steps = [test.step(candidate) for candidate in every]
     drops = np.array([step.drop for step in steps])
-    charge = SHARE_OF_NUMBER * max(scores.excess, 0.0)
+    charge = RANKING.number_share * max(scores.excess, 0.0)
     counts = np.array([candidate.directions.shape[1] for candidate in every])
     order = [int(i) for i in np.argsort(-(drops - charge * (counts - 1))) if drops[i] > significant[int(counts[i])]]
     correlations = test.correlations(every)
@@ -232,7 +242,7 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RAN
     def index(i: int) -> ModificationIndex:
         candidate, step = every[i], steps[i]
         members = [test.numbers[k] for k in candidate.places]
-        is_equal = (drops > MIN_EQUAL_DROP * drops[i]) & (correlations[i] > MIN_EQUAL_CORRELATION)
+        is_equal = (drops > RANKING.equal_drop * drops[i]) & (correlations[i] > RANKING.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
         return ModificationIndex(
             name=candidate.name,
@@ -286,5 +296,5 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(result, evidence.uncertainty.unreached)
     undetectable = find_undetectable_errors(result, evidence.scores)
-    others = (note for family_notes in by_family.values() for note in family_notes)
-    return replace(result, notes=(*others, *causes, *apart, *notes, *inertias, *estimate, *undetectable))
+    of_families = (note for family_notes in by_family.values() for note in family_notes)
+    return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))

@@ -27,20 +27,28 @@ from elastid.robot import gain_name
 
 Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
-# f T at the upper edge of the longest that is looked for; evaluations of the search in one dimension.
-MAX_EDGE_PHASE = 0.8
-MAX_EVALUATIONS = 14
-# Where the search for a hold begins, of f T at the upper edge: next to a free delay the sinc is flat at zero.
-HOLD_STARTS = (-0.1, 0.1, 0.4)
-# A delay is followed by its forms if it explains so much, alone and as a part of the best delay; so many of them.
-MIN_SHARE = 0.1
-MIN_PART_OF_BEST = 0.5
-MAX_FOLLOWED = 2
-# Forms whose V differs by less, in variances of the noise and as a part of what is left, cannot be distinguished.
-MIN_FORM_DROP = 10.0
-MIN_FORM_SHARE = 0.01
-# Standard deviation of ln p of a parameter that the data constrain.
-MAX_STD = 1.0
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the judgement of lateness; false-alarm rates: not measured.
+
+    edge_phase: f T at the upper edge of the longest that is sought.  evaluations: of the search in one dimension.
+    share, part_of_best: of the excess and of the best delay's share, from which a delay is followed by its forms;
+    followed: delays that are.  form_drop, form_share: differences of V, in variances of the noise and as a share of
+    the remaining excess, below which forms cannot be distinguished.  std: of ln p, where the data constrain p.
+    """
+
+    edge_phase: float = 0.8
+    evaluations: int = 14
+    share: float = 0.1
+    part_of_best: float = 0.5
+    followed: int = 2
+    form_drop: float = 10.0
+    form_share: float = 0.01
+    std: float = 1.0
+
+
+LIMITS = Limits()
 
 
 def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
@@ -116,8 +124,10 @@ class LatenessSearch:
     def best_hold(self, delay_is_free: bool = False) -> Late:
         """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
         factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
+        # Starts by f T at the upper edge: next to a free delay the sinc is flat at zero.
         holds = [
-            self._between("hold", factor, "", "", (0.2 * phase / edge_hz, 2 * phase / edge_hz)) for phase in HOLD_STARTS
+            self._between("hold", factor, "", "", (0.2 * phase / edge_hz, 2 * phase / edge_hz))
+            for phase in (-0.1, 0.1, 0.4)
         ]
         return min(holds, key=lambda late: late.cost)
 
@@ -135,9 +145,9 @@ class LatenessSearch:
             reading = Reading(form, "time", partial(_late, factor, T, role, place))
             return predict(reading, self.evaluated, self.prior, self.free)
 
-        limit = MAX_EDGE_PHASE / self._edge_hz
+        limit = LIMITS.edge_phase / self._edge_hz
         low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
-        options = {"maxiter": MAX_EVALUATIONS, "xatol": 1e-4 * max(abs(low), abs(high))}
+        options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
         T = float(minimize_scalar(lambda T: at_time(T).cost, bounds=(low, high), method="bounded", options=options).x)
         return Late(form, role, place, T, at_time(T))
 
@@ -157,7 +167,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         return indices
     optimum, result = evidence.optimum, evidence.result
     # Far out ln p has no slope that leads back: what the data barely constrain is at its start.
-    weak = ~(np.sqrt(np.diag(result.covariance)) < MAX_STD)
+    weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std)
     log = np.array([p.log for p in optimum.fit.parameters.free])
     x = np.where(weak & log, optimum.fit.parameters.x, optimum.end.x)
     fit = thinned(optimum.fit)
@@ -187,21 +197,21 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
             alike=tuple(other.name for other in equal if other is not late) + (linear.alike if linear else ()),
         )
 
-    delays = [linear for linear in indices if linear.name.startswith("delay") and linear.share > MIN_SHARE]
-    delays = [linear for linear in delays if linear.share > MIN_PART_OF_BEST * delays[0].share][:MAX_FOLLOWED]
+    delays = [linear for linear in indices if linear.name.startswith("delay") and linear.share > LIMITS.share]
+    delays = [linear for linear in delays if linear.share > LIMITS.part_of_best * delays[0].share][: LIMITS.followed]
     extended = list(indices)
     for linear in delays:
         forms = sorted(
             search.best_forms(*_channel(linear.name, fit), float(linear.steps[0])), key=lambda late: late.cost
         )
-        tolerance = MIN_FORM_DROP * scores.level + MIN_FORM_SHARE * max(forms[0].cost - noise, 0.0)
+        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(forms[0].cost - noise, 0.0)
         equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
         place = extended.index(linear)
         extended[place : place + 1] = [index(late, linear, equal) for late in equal]
     if not any(linear.name == "delay" for linear in delays):
         late = search.best_hold("delay" in result.parameters.free_names)
         drop, explained = cost - late.cost, max((linear.drop * lines for linear in delays), default=0.0)
-        if drop > max(scores.significant[1], MIN_SHARE * (cost - noise), explained):
+        if drop > max(scores.significant[1], LIMITS.share * (cost - noise), explained):
             extended.append(index(late, None, [late]))
     return extended
 

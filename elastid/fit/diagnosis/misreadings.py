@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 
@@ -26,23 +27,31 @@ from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
 
-# Configurations that fit worst are tried in each other's place, so many.
-MAX_EXCHANGED = 8
-# So many readings are followed, of those whose V is predicted to be at most so many times that of the fit.
-MAX_FOLLOWED = 3
-MAX_PREDICTED_RATIO = 1.5
-# A reading explains at least this share of the excess; readings cannot be distinguished whose V differ by less than
-# this factor.  False-alarm rate: not measured.
-MIN_SHARE = 0.8
-MAX_COST_RATIO = 1.1
-# A scale nearer to one than this factor may be an inertia that is not quite known; scales and parameters are found in
-# turn, so often.
-MIN_SCALE = 1.7
-SCALE_ROUNDS = 2
-# The spread of the factors (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong, and the
-# largest relative standard deviation of a stiffness that counts there.
-MAX_FACTOR_SPREAD = 2.5
-MAX_STIFFNESS_STD = 0.5
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the judgement of readings; false-alarm rates: not measured.
+
+    exchanged: configurations that fit worst, which are tried in each other's place.  predicted_ratio: V over that of
+    the fit up to which readings are followed, and `followed` of them.  share: of the excess that a reading explains.
+    cost_ratio: of V, below which readings cannot be distinguished.  scale: a factor nearer to one may be an inertia
+    that is not quite known; scale_rounds: in which scales and parameters are found in turn.  factor_spread: of the
+    factors (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong; stiffness_std: the
+    largest, of ln k, of a stiffness that counts there.
+    """
+
+    exchanged: int = 8
+    followed: int = 3
+    predicted_ratio: float = 1.5
+    share: float = 0.8
+    cost_ratio: float = 1.1
+    scale: float = 1.7
+    scale_rounds: int = 2
+    factor_spread: float = 2.5
+    stiffness_std: float = 0.5
+
+
+LIMITS = Limits()
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -56,7 +65,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     starts = [(x, ~result.at_bound), (fit.parameters.x, every)]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
     for cost, reading, start in sorted(_predicted(fit, starts, costs, evidence), key=lambda trial: trial[0]):
-        if len(followed) >= MAX_FOLLOWED or cost > MAX_PREDICTED_RATIO * costs.sum():
+        if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
             break
         if reading.name not in followed:
             followed[reading.name] = (*settle(reading, fit, start, every), reading)
@@ -64,7 +73,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     excess = max(float(costs.sum()) - noise, 1e-300)
 
     def explains(cost: float) -> bool:
-        return bool(costs.sum() - cost > MIN_SHARE * excess)
+        return bool(costs.sum() - cost > LIMITS.share * excess)
 
     if not any(explains(cost) for cost, _, _ in followed.values()):
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
@@ -73,7 +82,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(reading.name for V, _, reading in good[1:] if MAX_COST_RATIO * cost > V)
+    equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.cost_ratio * cost > V)
     share, none = (float(costs.sum()) - cost) / excess, np.zeros(0)
     drop = share * max(result.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
@@ -153,7 +162,7 @@ def _permuted(
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
     """Pairs among the configurations that fit worst, if they have the same lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
-    for a, b in combinations(sorted(np.argsort(-costs)[:MAX_EXCHANGED].tolist()), 2):
+    for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
         if (first.outputs, first.inputs) == (second.outputs, second.inputs) and np.array_equal(
             kernels[a].freq_hz, kernels[b].freq_hz
@@ -199,12 +208,14 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
     """From each start the channels that are off by factors, in words, with V and x (n_x,) of the optimum with them."""
     for x in starts:
         V, words = math.inf, ""
-        for _ in range(SCALE_ROUNDS):
+        for _ in range(LIMITS.scale_rounds):
             outputs, inputs = _scales(evaluate(fit, x))
             # The values of a torque are off by 1 / c.
             factors = [(f"y at {place}", c) for place, c in outputs.items()]
             factors += [(f"u at {place}", -c) for place, c in inputs.items()]
-            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in factors if abs(c) > math.log(MIN_SCALE))
+            words = ", ".join(
+                f"{name} times {math.exp(c):.3g}" for name, c in factors if abs(c) > math.log(LIMITS.scale)
+            )
             if not words:
                 break
             reading = Reading("", SCALE, partial(_rescaled, outputs, inputs))
@@ -239,7 +250,7 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     # Only sums of output and input are known: as few channels as possible are off, outputs rather than inputs.
     common = np.where(np.arange(len(c)) < n_y, -1.0, 1.0)
     shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]
-    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(MIN_SCALE)))).tolist()
+    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(LIMITS.scale)))).tolist()
     return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))
 
 
@@ -249,13 +260,13 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
     result = evidence.result
-    known = np.sqrt(np.diag(result.covariance)) < MAX_STIFFNESS_STD
+    known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     if not stiff:
         return ()
     change = result.x[stiff] - result.parameters.x[stiff]
     expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
-    if np.any(np.abs(change - expected) > math.log(MAX_FACTOR_SPREAD)):
+    if np.any(np.abs(change - expected) > math.log(LIMITS.factor_spread)):
         return ()
     factor = math.exp(abs(float(np.median(change))))
     names = ", ".join(result.parameters.free[i].name for i in stiff)

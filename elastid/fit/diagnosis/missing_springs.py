@@ -41,21 +41,28 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.hold_images import factor
 from elastid.parameters import Parameter, ParameterSet, Tie
 
-# Springs are looked for where nothing else explains so much of the excess.
-MAX_EXPLAINED_SHARE = 0.9
-# Steps of a frequency, and so many of them at most.
-FREQUENCY_STEP = math.sqrt(2.0)
-MAX_STIFFNESSES = 14
-# d / k in s where the robot's springs have no damping.
-DEFAULT_DAMPING_RATIO = 1e-3
-# A minimum of V is so deep, in variances of the noise, and V there at most so many times that of the fit, with the
-# derivatives of the fit and with those at the spring. So many springs are followed, for so many evaluations each.
-MIN_DIP = 10.0
-MAX_SCREENED_RATIO, MAX_PREDICTED_RATIO = 4.0, 1.2
-MAX_FOLLOWED = 2
-MAX_ITERATIONS = 12
-# The prior that makes the normal matrix regular, in units of its diagonal.
-REGULARISATION = 1e-12
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the search for springs; false-alarm rates: not measured.
+
+    explained_share: of the excess; where something else explains more, no spring is sought.  frequency_step: the ratio
+    of neighbouring resonances; stiffnesses: of each spring.  dip: depth of a minimum of V, in variances of the noise;
+    screened_ratio, predicted_ratio: of V there to that of the fit, with the derivatives of the fit and with those at
+    the spring.  followed, iterations: springs that the solver follows, and its iterations for each.
+    """
+
+    explained_share: float = 0.9
+    frequency_step: float = math.sqrt(2.0)
+    stiffnesses: int = 14
+    dip: float = 10.0
+    screened_ratio: float = 4.0
+    predicted_ratio: float = 1.2
+    followed: int = 2
+    iterations: int = 12
+
+
+LIMITS = Limits()
 
 
 def find_missing_springs(
@@ -63,11 +70,11 @@ def find_missing_springs(
 ) -> list[ModificationIndex]:
     """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
     explained = max((index.share for index in indices), default=0.0)
-    if evidence.result.exceeds_noise and explained > MAX_EXPLAINED_SHARE:
+    if evidence.result.exceeds_noise and explained > LIMITS.explained_share:
         return indices
     candidates = sorted(_promising(evidence, scores), key=lambda spring: -spring.predicted)
     best = {spring.name: spring for spring in candidates}
-    followed = sorted(best.values(), key=lambda spring: spring.predicted)[:MAX_FOLLOWED]
+    followed = sorted(best.values(), key=lambda spring: spring.predicted)[: LIMITS.followed]
     springs = (_followed(spring, evidence, scores) for spring in followed)
     by_name = {index.name: index for index in springs if index is not None and index.drop > scores.significant[1]}
     return [*(index for index in indices if index.name not in by_name), *by_name.values()]
@@ -90,7 +97,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     # The model of each configuration at x, its rigid coordinates with stiff springs.
     count = len(held.linearisation.model.parameters) + 1
     thetas = [held.theta(assembly.parameters, x, G.configuration.name)[:count] for G in assembly.responses]
-    linear = (linear_model(held.linearisation, *each) for each in zip(assembly.responses, thetas, strict=True))
+    linear = (linear_model(held.linearisation, *pair) for pair in zip(assembly.responses, thetas, strict=True))
     models = [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
 
     evaluated, ratio = evaluate(fit, x), _damping_ratio(assembly)
@@ -99,12 +106,12 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     for name in held.rigid:
         stiffnesses = _stiffnesses(name, used, fit)
         costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
-        for k in stiffnesses[_minima(costs, MIN_DIP * scores.level) & (costs < MAX_SCREENED_RATIO * V)]:
+        for k in stiffnesses[_minima(costs, LIMITS.dip * scores.level) & (costs < LIMITS.screened_ratio * V)]:
             sprung = _with_spring(optimum.fit, name, float(k), ratio, models, assembly)
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
             step, predicted = _damped_step(thinned(sprung), start)
-            if predicted < MAX_PREDICTED_RATIO * V:
+            if predicted < LIMITS.predicted_ratio * V:
                 yield _Spring(name, sprung, np.clip(start + step, *sprung.parameters.x_bounds), predicted)
 
 
@@ -116,10 +123,10 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
 
 
 def _damping_ratio(assembly: Assembly) -> float:
-    """d / k in s of the robot's springs, in the median."""
+    """d / k in s of the robot's springs, in the median; 1e-3 where none has damping."""
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     ratios = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    return float(np.median(ratios)) if ratios else DEFAULT_DAMPING_RATIO
+    return float(np.median(ratios)) if ratios else 1e-3
 
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
@@ -128,8 +135,8 @@ def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> F
     inertia = np.mean([y @ model.M @ y / (y @ y) ** 2 for model, y in zip(models, directions, strict=True)])
     freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
-    count = min(MAX_STIFFNESSES, 2 + math.ceil(math.log(high / low) / math.log(FREQUENCY_STEP)))
-    f = high * FREQUENCY_STEP ** np.arange(2 - count, 2)
+    count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
+    f = high * LIMITS.frequency_step ** np.arange(2 - count, 2)
     return np.asarray(inertia * (2 * np.pi * f) ** 2)
 
 
@@ -144,8 +151,8 @@ def _with_spring(
     }
     known = dict(zip(models[0].parameters, models[0].theta_ref.tolist(), strict=True))
     of_model = [
-        spring.get(each) or fitted.get(each) or Parameter(each, known[each], free=False)
-        for each in models[0].parameters
+        spring.get(name) or fitted.get(name) or Parameter(name, known[name], free=False)
+        for name in models[0].parameters
     ]
     parameters = ParameterSet((*of_model, *(p for p in assembly.parameters if not p.is_of_model)))
     parts = tuple(
@@ -169,7 +176,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     """V and the parameters of the fit where the solver follows a spring; None where V does not fall."""
     optimum, result = evidence.optimum, evidence.result
     try:
-        end = solve(spring.fit.problem, spring.x, ROUGH, MAX_ITERATIONS)
+        end = solve(spring.fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
     drop = optimum.fit.evaluate(optimum.end.x).cost - end.cost
@@ -191,7 +198,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
         std=math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
         drop=drop,
         share=drop / max(result.cost - scores.noise, 1e-300),
-        effects=np.array([estimates[each] for each in result.parameters.free_names]) - result.x,
+        effects=np.array([estimates[name] for name in result.parameters.free_names]) - result.x,
     )
 
 
@@ -224,7 +231,7 @@ def released_costs(
             V[i] += float(r @ r)
     A[:, n_x, :n_x] = A[:, :n_x, n_x]
     size = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
-    scaled = A / (size[:, :, None] * size[:, None, :]) + REGULARISATION * np.eye(n_x + 1)
+    scaled = A / (size[:, :, None] * size[:, None, :]) + 1e-12 * np.eye(n_x + 1)  # regular
     steps = np.linalg.solve(scaled, (b / size)[:, :, None])[:, :, 0]
     return np.asarray(V - np.sum(steps * b / size, axis=1))
 

@@ -20,17 +20,8 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 # Of arrays (..., F, n_y, n_u) of one configuration.
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]
 
-# Real residuals of a thinned fit, and lines that each configuration retains.
-MAX_RESIDUALS = 8_000
-MIN_LINES = 20
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
-# Of `settle`: steps of each criterion, the factor of that width after a good step, the relative decrease that ends it,
-# and the largest weight of a line.
-MAX_STEPS = 12
-GROWTH = 4.0
-MIN_DECREASE = 1e-2
-MAX_LOG_GAIN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +46,16 @@ class Prediction:
     step: FloatArray
 
 
-def as_read() -> Reading:
-    """The responses as they were read."""
-    return Reading("as read", "", lambda _, values: values)
+# The responses as they were read.
+AS_READ = Reading("as read", "", lambda _, values: values)
 
 
-def thinned(fit: ElasticFit, residuals: int = MAX_RESIDUALS) -> ElasticFit:
-    """The fit on every so many lines of each configuration, about so many real residuals in total."""
+def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
+    """The fit on every so many lines of each configuration, at least 20, about so many real residuals in total."""
     every = max(1, math.ceil(fit.n_residuals / residuals))
 
     def thin(part: Part) -> Part:
-        lines = slice(None, None, min(every, max(1, len(part.measured) // MIN_LINES)))
+        lines = slice(None, None, min(every, max(1, len(part.measured) // 20)))
         kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
         whitening = part.whitening and part.whitening.lines(lines)
         return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
@@ -109,7 +99,7 @@ def predict(
 
 
 def settle(
-    reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray, decrease: float = MIN_DECREASE
+    reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray, decrease: float = 1e-2
 ) -> tuple[float, FloatArray]:
     """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first.
 
@@ -123,22 +113,22 @@ def settle(
             return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
 
         std, now = STEP_STD, predict_at(x, STEP_STD)
-        for _ in range(MAX_STEPS):
+        for _ in range(12):
             x_next = np.clip(x + now.step, lower, upper)
             further = predict_at(x_next, std)
             if further.before < now.before:
                 done = now.before - further.before < decrease * now.before
-                x, now, std = x_next, further, GROWTH * std
+                x, now, std = x_next, further, 4 * std
                 if done:
                     break
             else:
-                std /= GROWTH
+                std /= 4
                 now = predict_at(x, std)
         V = now.before
     return V, x
 
 
 def _logarithmic(part: Part) -> Part:
-    """The part with the logarithmic criterion, element by element."""
-    gain = np.minimum(part.gain * np.abs(part.measured), MAX_LOG_GAIN)
+    """The part with the logarithmic criterion, element by element, no line with a weight above 10."""
+    gain = np.minimum(part.gain * np.abs(part.measured), 10.0)
     return replace(part, criterion="log", gain=gain, whitening=None)

@@ -21,13 +21,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 
-# The least share of the information on a number that the free parameters may leave.
-MIN_INFORMATION_LEFT = 1e-7
-# Of the largest power of a set of numbers the least that is not rounding.
-MIN_POWER = 1e-13
-# Of the prior of a number that can only grow, of its step's unit.
-MIN_WIDTH = 1e-3
-
 
 @dataclass(frozen=True)
 class HeldNumber:
@@ -87,7 +80,8 @@ class ScoreTest:
         cross = A[places, n_x:]
         follow = -np.linalg.pinv(A[np.ix_(places, places)], rcond=1e-13, hermitian=True) @ cross
         S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[places]
-        known = np.diag(S) > MIN_INFORMATION_LEFT * np.maximum(np.diag(A)[n_x:], 1e-300)
+        # The free parameters leave at least this share of the information on a number that is known.
+        known = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
         scale = size[n_x:]
         response = np.zeros((n_x, len(numbers)))
         response[places] = follow * scale / size[places, None]
@@ -143,11 +137,11 @@ class ScoreTest:
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
         """The step of several numbers (n_m,) within their limits, which are the widths of priors, too."""
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
-        width = np.maximum(np.abs(limits).min(axis=0), MIN_WIDTH)
+        width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # some, where a number can only grow
         size = np.sqrt(np.diag(S) + width**-2)
         # Rounding in S can exceed the priors of wide numbers: no Cholesky factor then exists.
         power, directions = np.linalg.eigh((S + np.diag(width**-2)) / np.outer(size, size))
-        L = directions * np.sqrt(np.maximum(power, MIN_POWER * power[-1]))
+        L = directions * np.sqrt(np.maximum(power, 1e-13 * power[-1]))
         target = -np.linalg.solve(L, g / size)
         step = np.linalg.solve(L.T, target) / size
         if np.all((limits[0] <= step) & (step <= limits[1])):

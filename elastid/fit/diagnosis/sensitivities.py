@@ -47,11 +47,6 @@ from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
 
-# rad: the step of finite differences over angles.
-ANGLE_STEP = 1e-5
-# A spring that stands in for a rigid coordinate: times the stiffest of the robot, or N*m/rad where there is none.
-STIFF_FACTOR = 1e5
-STIFF_DEFAULT = 1e6
 RATE = "rate"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -73,9 +68,9 @@ class HeldModel:
         fitted: the model of a configuration of the fit.
         """
         robot = assembly.linearisation.model.robot
-        channels = [gain_name("u", at) for at in robot.motor_locations]
+        channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
-        channels += [gain_name("y", at) for at in sorted(outputs) if at in robot.locations]
+        channels += [gain_name("y", place) for place in sorted(outputs) if place in robot.locations]
         refused: ElastidError | ValueError | None = None
         for (extended, rigid), geometry in (
             (_with_torsions(_with_payload(robot)), tuple(robot.geometry)),
@@ -123,11 +118,12 @@ class HeldModel:
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
             slopes[name] = _times(slopes[name], -(k**2))
+        step = 1e-5  # rad, of finite differences
         for place, joint in enumerate(self.linearisation.model.robot.driven):
             angles = np.array(measured.configuration.angles)
-            angles[place] += ANGLE_STEP
+            angles[place] += step
             moved = model_at(replace(measured.configuration, angles=angles), self.linearisation.without_slopes)
-            slopes[f"angle_{joint.name}"] = _difference(model, moved, ANGLE_STEP)
+            slopes[f"angle_{joint.name}"] = _difference(model, moved, step)
             slopes |= _position_loop(model, joint.name)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
         return replace(model, parameters=self.parameters, theta_ref=theta_ref, slopes=slopes), theta
@@ -144,7 +140,7 @@ def _with_payload(robot: Robot) -> Robot:
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     """The robot with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None and not joint.slides]
-    stiff = Spring(STIFF_FACTOR * max(springs, default=STIFF_DEFAULT / STIFF_FACTOR))
+    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad
     within = {robot.joints[i].name for i in robot.joints_in_loops}
     names: dict[str, str] = {}
 

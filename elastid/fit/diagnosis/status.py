@@ -48,11 +48,6 @@ class MisfitLimits:
 
 
 MISFIT = MisfitLimits()
-# A model that explains less of the responses does not describe the robot, unless small residuals alone are far beyond a
-# still smaller noise.  False-alarm rate: not measured.
-MIN_EXPLAINED_SHARE = 0.5
-# A message names so many parameters, those that are moved most.
-MAX_NAMED = 3
 
 
 def with_status(evidence: Evidence) -> FitResult:
@@ -76,7 +71,7 @@ def with_status(evidence: Evidence) -> FitResult:
             "reading of them far more (see the first warning)",
         )
     too_large = result.model_error > LIMITS.model_error or not evidence.noise_is_measured
-    if evidence.explained < MIN_EXPLAINED_SHARE and too_large:
+    if evidence.explained < LIMITS.explained_share and too_large:
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return ended(
             "model_error",
@@ -135,8 +130,8 @@ def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     ):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
-    names = ", ".join(result.parameters.free_names[i] for i in worst[:MAX_NAMED])
-    more = f" and {len(worst) - MAX_NAMED} more" if len(worst) > MAX_NAMED else ""
+    names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
+    more = f" and {len(worst) - LIMITS.named} more" if len(worst) > LIMITS.named else ""
     return (
         "the model is wrong by more than noise and floor explain: blocks of a configuration and a band disagree about "
         f"the parameters {uncertainty.disagreement:.3g} times as much as noise would let them, and move {names}{more} "
@@ -153,9 +148,9 @@ def _by_held_number(evidence: Evidence) -> str:
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.nan_to_num(np.abs(index.effects) / np.sqrt(np.diag(result.covariance)))
     worst = int(np.argmax(moved))
-    others = f", or {' or '.join(index.alike)}, which the data cannot tell from it," if index.alike else ""
+    same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
     return (
-        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{others} would lower V by "
+        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower V by "
         f"{index.drop:.0f}, and move {result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard "
         "deviations"
     )
@@ -163,12 +158,14 @@ def _by_held_number(evidence: Evidence) -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the notes on an estimate; false-alarm rates: not measured.
+    """Thresholds of status and notes of an estimate; false-alarm rates: not measured.
 
     near_bound: share of a range within which x is at its bound.  held_share: of the starts that end at a bound.
     interval_factor, unconstrained_factor: of the ends of an interval, beyond which a parameter is weakly determined, or
     not at all.  correlation: beyond which two parameters cannot be distinguished.  singular_value: the least, as a
     share of the largest; part_of_direction: of a parameter in its direction.  model_error: residuals over the noise.
+    explained_share: a model that explains less of the responses does not describe the robot, unless small residuals
+    alone are far beyond a still smaller noise.  named: parameters in a message, those that are moved most.
     """
 
     near_bound: float = 1e-4
@@ -179,6 +176,8 @@ class Limits:
     singular_value: float = 1e-3
     part_of_direction: float = 0.2
     model_error: float = 1.5
+    explained_share: float = 0.5
+    named: int = 3
 
 
 LIMITS = Limits()

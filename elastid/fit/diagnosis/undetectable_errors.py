@@ -24,9 +24,6 @@ from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
 from elastid.fit.result import FitResult
 
-# The sentence names so many numbers, each of another kind.
-MAX_NAMED = 3
-
 
 @dataclass(frozen=True)
 class UndetectableError:
@@ -87,14 +84,14 @@ def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[
     if not errors:
         return ()
     worst = {error.family: error for error in reversed(errors)}
-    named = [error for error in errors if worst[error.family] is error][:MAX_NAMED]
-    others = sum(not error.name.endswith("*") for error in errors if error not in named)
+    named = [error for error in errors if worst[error.family] is error][:3]  # one of a kind
+    further = sum(not error.name.endswith("*") for error in errors if error not in named)
     moves = [
         f"{_stated(place, result)} moves by one standard deviation with "
         + " or ".join(error.amount(error.per_std) for error in named if error.parameter == place)
         for place in dict.fromkeys(error.parameter for error in named)
     ]
-    more = f", and others with {others} further numbers" if others else ""
+    more = f", and others with {further} further numbers" if further else ""
     return (
         Note(
             "held-as-exact",

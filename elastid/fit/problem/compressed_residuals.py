@@ -1,19 +1,154 @@
-"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them."""
+"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them.
+
+The weights of the residuals of a line are a triangle: R of the weighted residuals q - R g of its elements g. `Full`
+works with NumPy; `Packed` with loops in C (`base/kernels/line_loops.c`) where the kernels are built: whitening and sums
+over the lines in one pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its diagonal (F, n_e)
+where elements count one by one.
+
+For the loops in C lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the
+processor takes several at once. R (batches, n_r, 2, BATCH) has its rows one below the other, each from its diagonal on;
+of diagonal weights it has the diagonal alone. Lines that fill up the last batch are zero.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
-from elastid.fit.problem.triangle import Full, LineResiduals, Packed
-from elastid.fit.weights.weights import Whitening
+from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import Columns
+from elastid.linear.response.sensitivity import Sensitivity
+
+BATCH = 16
+Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
+Precision: TypeAlias = type[np.floating[Any]]
+
+
+class LineResiduals(NamedTuple):
+    """r = q - R g of a block of lines, all (F, n_e); without g q is r.  slope: of e to g, where it is not 1."""
+
+    q: ComplexArray
+    G: ComplexArray | None = None
+    slope: ComplexArray | None = None
+
+
+class LineSums(NamedTuple):
+    """Of a block of lines, with columns U (F, n_e, n_b), s = j omega and the residuals r = q - R g of its elements.
+
+    cost: sum |r|^2.  weight (F, n_e): r^H R diag(slope).
+    pulled (3, n_b): sum over lines of s^p weight U, p = 0, 1, 2.
+    moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U diag(scale), p = 0 ... 4, on and
+    above the diagonal.
+    """
+
+    cost: float
+    weight: ComplexArray
+    pulled: ComplexArray
+    moments: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Full:
+    """R as it is."""
+
+    R: ComplexArray | FloatArray
+
+    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
+        """r = q - R g (F, n_e) of a block of lines."""
+        return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
+
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
+        """The sums of a block of lines; precision: of the moments."""
+        q, G, slope = e
+        R = self.R[part.block]
+        r = q if G is None else self.residual(part.block, q, G)
+        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+        if slope is not None:
+            weight = weight * slope
+        U = part.columns(scale, precision)
+        if slope is not None:
+            U *= slope[:, :, None]
+        V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
+        gram = np.swapaxes(V.conj(), 1, 2) @ V
+        powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
+        sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
+        moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
+        return LineSums(float(np.vdot(r, r).real), weight, part.pull(weight), moments)
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """R (batches, n_r, 2, BATCH) of the sums in C."""
+
+    R: FloatArray
+
+    @classmethod
+    def of(cls, R: ComplexArray | FloatArray) -> Packed:
+        """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
+        rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
+        F, n_r = rows.shape
+        filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
+        filled[:F] = rows
+        parts = np.stack([filled.real, filled.imag], axis=2).reshape(-1, BATCH, n_r, 2)
+        return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
+
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
+        """As `Full.sums`; callable only where the kernels are built."""
+        (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
+        n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
+        sign = np.ones(n_b)
+        sign[:n_1] = part.sign
+        cost, weight = np.zeros(1), np.empty((n_e, F), complex)
+        pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        between = np.zeros((3, r, r), complex)
+        call(
+            "sums_float" if precision is np.float32 else "sums_double",
+            F,
+            n_y,
+            n_u,
+            n_1,
+            n_2,
+            r,
+            n_b - n_1 - n_2,
+            n_e,
+            self.R.shape[1] == n_e,
+            part.left.T,
+            None if part.is_alike else part.right.T,
+            part.gain,
+            part.S,
+            part.whole.T,
+            part.outputs,
+            part.inputs,
+            e.q.T,
+            None if e.G is None else e.G.T,
+            None if e.slope is None else e.slope.T,
+            self.R[part.block.start // BATCH :],
+            part.omega,
+            sign,
+            sign * scale,
+            cost,
+            weight,
+            pulled,
+            between,
+            moments,
+        )
+        pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
+        return LineSums(float(cost[0]), weight.T, pulled, moments)
+
+
+def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
+    """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
+    if R.ndim == 2:
+        return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
+    return np.asarray(R @ U)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +170,10 @@ class CompressedResiduals:
 
     def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
-        return CompressedResiduals, tuple(getattr(self, one.name) for one in fields(self))
+        return CompressedResiduals, tuple(getattr(self, f.name) for f in fields(self))
 
-    def is_of_the_same(self, other: CompressedResiduals) -> bool:
-        """Whether these are residuals of the very same data, with the very same weights."""
+    def has_data_of(self, other: CompressedResiduals) -> bool:
+        """True if these are residuals of the very same data, with the very same weights."""
         return (
             self.measured is other.measured
             and self.gain is other.gain
@@ -54,7 +189,7 @@ class CompressedResiduals:
         return replace(self, whitening=None, known=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
-        """The residuals of some lines with elements G (F, n_e), and a constant that V has beside |r|^2."""
+        """The residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
@@ -107,17 +242,17 @@ class CompressedResiduals:
 
     @cached_property
     def compressed(self) -> Compressed:
-        """R, and what of the data is left with it."""
+        """R, and the part of the data that remains with it."""
         if self.known is not None:
             return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
         if mixing is None:
-            one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
-            other = np.where(first == second, 0.0, other)
-            R: ComplexArray | FloatArray = np.hypot(one, other)
-            Q: ComplexArray | FloatArray = np.stack([one, other], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
+            own, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            mirror = np.where(first == second, 0.0, mirror)
+            R: ComplexArray | FloatArray = np.hypot(own, mirror)
+            Q: ComplexArray | FloatArray = np.stack([own, mirror], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
         else:
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             mirrored = np.where(first == second, 0.0, 1.0)
@@ -178,11 +313,11 @@ class NormalEquations:
         weights, R = [], self.residuals.compressed.R
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
-            found = R.sums(part, e, scale, precision)
-            V += constant + found.cost
-            pull += found.pulled
-            moments += found.moments
-            weights.append(found.weight)
+            sums = R.sums(part, e, scale, precision)
+            V += constant + sums.cost
+            pull += sums.pulled
+            moments += sums.moments
+            weights.append(sums.weight)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
@@ -191,7 +326,7 @@ class NormalEquations:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
-        """Which of the moments (5, n_b, n_b), which are Hermitian, a pair of pieces (n_t, n_t) takes, and its sign.
+        """The Hermitian moment of (5, n_b, n_b) that each pair of pieces (n_t, n_t) takes, and its sign.
 
         It is the real part of (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
         """

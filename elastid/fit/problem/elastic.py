@@ -21,16 +21,13 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
-from elastid.fit.weights.weights import Weights, Whitening
+from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
-
-# |Ghat| over sigma that a line must have for the logarithmic criterion.
-MIN_LOG_SIGNAL_TO_NOISE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,7 @@ class Part:
             self.whitening,
         )
         known = self.compressed
-        return NormalEquations(columns, known if known is not None and known.is_of_the_same(own) else own)
+        return NormalEquations(columns, known if known is not None and known.has_data_of(own) else own)
 
     @property
     def n_residuals(self) -> int:
@@ -113,7 +110,7 @@ class Part:
 class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
-    inertias: bodies whose inertia must stay one that a body can have.
+    inertias: bodies whose inertia must stay physically possible.
     """
 
     parameters: ParameterSet
@@ -178,8 +175,7 @@ class ElasticFit:
         rows = []
         for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
             used = np.repeat((part.gain > 0).ravel(), 2)
-            r_real, J_real = _as_rows(r, J)
-            rows.append((r_real[used], J_real[:, used].T))
+            rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
         distance, slope = self._priors(x)
         known = slope > 0
         rows.append((distance[known], np.diag(slope)[known]))
@@ -256,15 +252,15 @@ def elastic_fit(
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
-    for kind, wanted, there in (
+    for kind, wanted, known in (
         ("input", response.inputs, model.inputs),
         ("output", response.outputs, model.outputs),
     ):
-        missing = [name for name in wanted if name not in there]
+        missing = [name for name in wanted if name not in known]
         if missing:
             raise StudyError(
                 f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
-                f"the model has not; there are {', '.join(there) or 'none'}"
+                f"the model has not; there are {', '.join(known) or 'none'}"
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
@@ -293,11 +289,7 @@ def _part(
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
         G = kernel.response(kernel.model.theta_ref)
-        used = (
-            used
-            & (np.abs(G) > 1e-12 * np.abs(G).max())
-            & (np.abs(response.G) > MIN_LOG_SIGNAL_TO_NOISE * weights.sigma)
-        )
+        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
     error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
@@ -316,14 +308,9 @@ def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
 
 
 def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:
-    """The same affine model without slopes of what x does not move: a fraction to carry to other processes."""
+    """The same affine model without slopes to what x does not move: a fraction to carry to other processes."""
     where = model.configuration.name
     theta = parameters.expand(parameters.x, where)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in parameters.moved(where) if name in model.slopes}
     return replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes)
-
-
-def _as_rows(r: ComplexArray, J: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """r (N,) and J (P, N), N = 2 F n_y n_u real numbers."""
-    return as_real(r).ravel(), as_real(J).reshape(len(J), -1)

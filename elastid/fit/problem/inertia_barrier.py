@@ -1,4 +1,4 @@
-r"""Inertias that a body can have: a barrier that the fit feels only where it comes near the border.
+r"""Physically possible inertias: a barrier that the fit feels only where it comes near the border.
 
 .. math:: b(x) = -2 \mu \sum_{bodies} \ln \det \Sigma, \qquad \Sigma = \tfrac12 \mathrm{tr}(I_c)\, 1 - I_c \succ 0
 
@@ -23,14 +23,8 @@ from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
-# The smallest principal second moment relative to the largest below which a body is at the border.
-MIN_RELATIVE_MOMENT = 1e-3
-# A start whose smallest principal second moment is below this share of their sum is moved off the border; others are
-# halved towards it, so often at most.
+# A start whose smallest principal second moment is below this share of their sum is moved off the border.
 MIN_ROUNDNESS = 1e-4
-MAX_HALVINGS = 20
-# Rounding of a plate's moments.
-ROUNDING = 1e-9
 _TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 
@@ -47,7 +41,7 @@ class BodyInertia:
     def refusal(self) -> str:
         """A sentence on a start that is physically impossible (triangle inequality)."""
         return (
-            f"the start gives body {self.name} an inertia that no body can have (a principal moment above the sum of "
+            f"the start gives body {self.name} a physically impossible inertia (a principal moment above the sum of "
             "the other two); correct the start of its inertias, those in the robot's file included"
         )
 
@@ -64,7 +58,7 @@ class BodyInertia:
         return np.tensordot(theta[list(self.places)], self.directions, axes=1)
 
     def roundness(self, theta: FloatArray) -> float:
-        """The smallest principal second moment over their sum: 1/3 for a ball, 0 for a plate, negative for no body."""
+        """Smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, negative if impossible."""
         values = np.linalg.eigvalsh(self.second_moment(theta))
         return float(values[0] / max(values.sum(), 1e-300))
 
@@ -92,8 +86,8 @@ def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia,
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> list[BodyInertia]:
-    """Those that no body can have at x (n_x,), beyond rounding."""
-    return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -ROUNDING]
+    """Those that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
+    return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -1e-9]
 
 
 def barrier(
@@ -124,26 +118,24 @@ def border_metric(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: 
 
 
 def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
-    """The starts (n, n_x), each drawn towards the given one until its bodies can have their inertias.
+    """The starts (n, n_x), each drawn towards the given one until its inertias are possible.
 
     Where the given one is at the border itself, as that of a plate or a rod, it first moves off it.
-    Raises StudyError for a start that no body can have.
+    Raises StudyError for a start that is physically impossible.
     """
     if not inertias:
         return starts
     begin = _moved_off(parameters.x, inertias, parameters)
     needed = 0.5 * _roundness(begin, inertias, parameters)
-    return np.array([_drawn_in(start, begin, needed, inertias, parameters) for start in starts])
 
+    def drawn_in(start: FloatArray) -> FloatArray:
+        for step in range(20):
+            x: FloatArray = begin + (start - begin) / 2**step
+            if _roundness(x, inertias, parameters) >= min(needed, MIN_ROUNDNESS):
+                return x
+        return begin
 
-def _drawn_in(
-    start: FloatArray, begin: FloatArray, needed: float, inertias: Sequence[BodyInertia], parameters: ParameterSet
-) -> FloatArray:
-    for step in range(MAX_HALVINGS):
-        x: FloatArray = begin + (start - begin) / 2**step
-        if _roundness(x, inertias, parameters) >= min(needed, MIN_ROUNDNESS):
-            return x
-    return begin
+    return np.array([drawn_in(start) for start in starts])
 
 
 def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
@@ -176,15 +168,15 @@ def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
-    """A note on each body whose inertia ended at the border of what a body can have."""
+    """A note on each body whose inertia ended at the border of the possible ones."""
     words = []
     for body in inertias:
         values = np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x)))
-        if values[0] < MIN_RELATIVE_MOMENT * values[-1]:
+        if values[0] < 1e-3 * values[-1]:
             words.append(
                 Note(
                     "impossible-inertia",
-                    "the data ask for an inertia that no body can have (a principal moment above the sum "
+                    "the data ask for a physically impossible inertia (a principal moment above the sum "
                     "of the other two); it ended at the border: check its mass, its centre of mass and the placement "
                     "of its joint",
                     f"body {body.name}",

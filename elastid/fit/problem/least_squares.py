@@ -1,4 +1,4 @@
-r"""LeastSquares: a weighted nonlinear least-squares problem that knows no robot; residuals between two responses.
+r"""LeastSquares: a weighted nonlinear least-squares problem that knows no robot, its residuals, the end of a solve.
 
     V(x) = sum_i r_i(x)^2 + sum_p ((x_p - m_p) / s_p)^2,   each real residual r_i of unit variance under the noise model
 
@@ -8,6 +8,10 @@ so that V is expected to be the degrees of freedom, n_residuals + priors - n_x.
 
 Element by element. A complex error of variance sigma^2 = E|e|^2 carries half of it in each real component, so
 r = sqrt(2) [Re e, Im e] / sigma has unit variance. (NLS and LLS of Wernholt and Moberg.)
+
+    delta^2 = dx^T J^T J dx / max(1, V / dof),   dx the Gauss-Newton step of the variables that no bound holds
+
+is the squared distance from the end of a solve to the stationary point, in standard deviations of the estimate.
 """
 
 from __future__ import annotations
@@ -18,7 +22,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.label import labelled
 from elastid.parameters import ParameterSet
 
 
@@ -80,3 +85,57 @@ def error_gain(criterion: ResidualKind, measured: ComplexArray) -> ComplexArray:
 def as_real(values: ComplexArray) -> FloatArray:
     """(..., N) complex as (..., 2 N) real, [Re, Im] side by side, without a copy where the memory is contiguous."""
     return np.ascontiguousarray(values).view(np.float64)
+
+
+@frozen_value
+class LocalOptimum:
+    """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
+
+    x_start: FloatArray = labelled("variables of the solver at the start")
+    x: FloatArray = labelled("variables of the solver at the optimum")
+    cost: float = labelled("V at the optimum")
+    iterations: int
+    converged: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class Ending:
+    """x (n_x,) and the problem there; status: why the solver stopped, empty where the optimum was near enough."""
+
+    x: FloatArray
+    evaluation: Evaluation
+    status: str
+    iterations: int
+
+
+def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
+    """Length delta of a step dx (n_x,) in standard deviations of the estimate."""
+    information = 0.5 * float(step @ ending.hessian @ step)
+    return float(np.sqrt(max(0.0, information) / max(1.0, ending.cost / max(dof, 1))))
+
+
+def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
+    """Distance to the stationary point, one Gauss-Newton step, in standard deviations of the estimate.
+
+    held (n_x,): variables that a bound holds, which take no step.  inf where the cost is not finite.
+    """
+    if not np.isfinite(ending.cost):
+        return np.inf
+    free = ~held
+    step = np.zeros(len(free))
+    step[free] = np.linalg.lstsq(ending.hessian[np.ix_(free, free)], ending.gradient[free], rcond=1e-12)[0]
+    return distance(step, ending, dof)
+
+
+def is_far_from_noise(cost: float, dof: int) -> bool:
+    """True if V is that of a wrong model, whatever the noise, so that its optimum matters only approximately."""
+    return cost > 100 * max(dof, 1)
+
+
+def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
+    """Variables (n_x,) at a bound, by 1e-6 of its distance to the other, beyond which the cost falls."""
+    lower, upper = problem.parameters.x_bounds
+    reach = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    below, above = x <= lower + reach, x >= upper - reach
+    return np.asarray((below & (ending.gradient > 0)) | (above & (ending.gradient < 0)))

@@ -23,12 +23,19 @@ from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind
+from elastid.fit.problem.least_squares import (
+    RESIDUALS,
+    Evaluation,
+    LeastSquares,
+    LocalOptimum,
+    ResidualKind,
+    distance,
+    is_far_from_noise,
+)
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
-from elastid.fit.solve.local_optimum import LocalOptimum, distance, is_far_from_noise
+from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.weights.weights import Weights, weigh
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -40,10 +47,6 @@ from elastid.robot import Robot
 
 # Of the Rayleigh distribution with two components of unit variance.
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
-# Relinearised until x moves less than this many standard deviations, or this often; more often with a robust loss.
-MAX_MOVE = 1e-3
-MAX_ROUNDS = 5
-MAX_ROUNDS_OF_LOSS = 30
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
@@ -116,7 +119,9 @@ class Assembly:
         notes: list[Note] = []
         for numbers, configurations in groups.items():
             theta = np.array(numbers)
-            notes += spring_notes(model, theta, [equilibrium(model, theta, each) for each in configurations.values()])
+            notes += spring_notes(
+                model, theta, [equilibrium(model, theta, posture) for posture in configurations.values()]
+            )
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
@@ -160,12 +165,13 @@ class RelinearisedOptimum:
 def relinearise(
     assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
 ) -> RelinearisedOptimum:
-    """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays.
+    """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
+    Until it moves by less than 1e-3 standard deviations, for 5 rounds at most, 30 with a robust loss.
     first: the fit by this criterion as the assembly has it elsewhere.
     """
     is_square = assembly.spec.weights.loss == "square"
-    rounds = MAX_ROUNDS if is_square else MAX_ROUNDS_OF_LOSS
+    rounds = 5 if is_square else 30
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
     for i in range(rounds):
         try:
@@ -174,9 +180,8 @@ def relinearise(
                 current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
                 c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).at(end.x, criterion)
-            if (
-                first is not None and current is assembly and criterion == "complex"
-            ):  # a logarithm counts other elements at each x
+            # A logarithm counts other elements at each x.
+            if first is not None and current is assembly and criterion == "complex":
                 fit = fit.with_residuals_of(first)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
@@ -184,7 +189,7 @@ def relinearise(
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
-        if moved < MAX_MOVE or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
+        if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
             return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
     note = Note(
         "still-moving",
@@ -221,16 +226,14 @@ class RelinearisedFit:
     @property
     def problem(self) -> LeastSquares:
         """The problem of a solver; it pickles."""
-        border = self.first.problem.border
-        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, border)
+        return replace(self.first.problem, evaluate=self.evaluate)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
-        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""
+        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand.
+
+        Which elements count, and how much, stays as it is at the first start.
+        """
         try:
-            return self.at(x).evaluate(x)
+            return self.linearise(x).with_residuals_of(self.first).evaluate(x)
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
-
-    def at(self, x: FloatArray) -> ElasticFit:
-        """The fit at x; which elements count and how much stays as it is at the first start."""
-        return self.linearise(x).with_residuals_of(self.first)

@@ -3,6 +3,9 @@
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
 does not name keeps the robot's number.
+
+Groups of configurations may have parameters of their own: each robot of a type, a temperature, each configuration.
+fm_1@warm stands in for fm_1 in the configurations of the group warm.
 """
 
 from __future__ import annotations
@@ -13,17 +16,92 @@ from dataclasses import replace
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, is_match, matching
-from elastid.fit.setup import groups
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Robot
 
-# Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
-# Coulomb friction looks viscous to a multisine, the more the slower it slides.
+
+def is_group_key(key: str) -> bool:
+    """True if a key of fit.parameters is about the parameter of one group."""
+    return SEPARATOR in key
+
+
+def groups_of(
+    name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Group to its configurations, of the groups of which any is fitted.
+
+    Those of a group that are not fitted are in it, too: what was found for the group predicts them.
+    StudyError where a configuration is in two groups, and for `per: robot` without robots.
+    """
+    per, where = spec.per, f"fit.parameters.{name}.per"
+    if per == "robot":
+        if not robots:
+            raise StudyError(
+                f"{where}: no robots are named; say which configurations are of which, for example fit.robots: {{A: "
+                "[c1, c2], B: [c3]}"
+            )
+        per = {robot: tuple(members) for robot, members in robots.items()}
+    if per is None or not configurations:
+        return {}
+    if isinstance(per, str):
+        return {configuration: (configuration,) for configuration in configurations}
+    taken = [name for group in per.values() for name in group]
+    for name in taken:
+        if taken.count(name) > 1:
+            raise StudyError(f"{where}: configuration {name} is in two groups")
+    return {group: tuple(members) for group, members in per.items() if set(members) & set(configurations)}
+
+
+def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
+    """The settings of the parameter of one group: of its own keys, else those of all groups."""
+    own_keys = [given_key for given_key in given if is_group_key(given_key) and is_match(key, given_key)]
+    if not own_keys:
+        return shared
+    own = given[key if key in own_keys else own_keys[-1]]
+    bounds = shared.bounds if own.bounds is None else own.bounds
+    start = shared.start if own.start is None else own.start
+    return replace(own, start=start, bounds=bounds, prior=own.prior or shared.prior)
+
+
+def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
+    """StudyError for a key of one group that matches no parameter, or sets what is common to all groups.
+
+    wanted: the settings of each name.  A fit of some configurations does not have all groups.
+    """
+    for key in filter(is_group_key, spec.parameters):
+        where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
+        if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
+            raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
+        pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
+        if not pers:
+            raise StudyError(
+                f"{where}: {name} has no groups; say which there are, for example {name}: {{per: robot}} with "
+                "fit.robots"
+            )
+        known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
+        if "configuration" not in pers and not any(is_match(label, group) for label in known):
+            raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
+
+
+def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """The groups that have parameters of their own, each with those of these configurations that are in it.
+
+    Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
+    no group names are `others`; one group of all, called "", where no parameter has groups.
+    """
+    groups: dict[str, list[str]] = {}
+    for configuration in configurations:
+        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if configuration in p.only)
+        groups.setdefault("-".join(mine), []).append(configuration)
+    if list(groups) == [""]:
+        return {"": tuple(groups[""])}
+    return {label or "others": tuple(members) for label, members in groups.items()}
+
+
+# Default bounds of a logarithmic parameter: within this factor of its start.
 BOUND_FACTOR = 100.0
-BOUND_FACTOR_OF_FRICTION = 1e4
-DELAY_BOUNDS = (0.0, 0.01)
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
@@ -32,17 +110,17 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
-    A key with a group behind an @ is about the parameter of that group alone (`groups`).
+    A key with a group behind an @ is about the parameter of that group alone (`groups_of`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: asked for key, asked in spec.parameters.items() if not groups.is_group_key(key)}
+    shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
     wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
-    grouped = {name: groups.groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
-    groups.check_keys(spec, wanted)
+    grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
+    check_keys(spec, wanted)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
@@ -56,7 +134,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
         for group, only in own.items():
             key = f"{name}@{group}"
-            asked = groups.spec_of_group(key, wanted[name], spec.parameters)
+            asked = spec_of_group(key, wanted[name], spec.parameters)
             of_group = _parameter(key, value, unit, asked, name not in linear)
             further.append(replace(of_group, only=only))
     _check_ratios(spec, chosen)
@@ -221,7 +299,6 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
     if asked.bounds is not None:
         return float(asked.bounds[0]), float(asked.bounds[1])
     if log:
-        return start / BOUND_FACTOR, start * (
-            BOUND_FACTOR_OF_FRICTION if name.startswith(("f_", "fm_")) else BOUND_FACTOR
-        )
-    return DELAY_BOUNDS if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)
+        # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
+        return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
+    return (0.0, 0.01) if name.partition(SEPARATOR)[0] == DELAY else (-math.inf, math.inf)  # delay: s

@@ -13,14 +13,6 @@ from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
-# rad or m: angles nearer to each other are one posture.
-ANGLE_TOLERANCE = 2e-5
-# Two responses with more than this share of their lines in common are one measurement.
-MAX_SHARED_LINES = 0.5
-# Medians over the lines beyond which two responses are not of one posture: of |G1 - G2| / |G|, which friction changes
-# by less from one measurement to the next, and of the same over its standard deviation.
-MAX_DIFFERENCE, MAX_DIFFERENCE_OVER_STD = 0.3, 5.0
-
 
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
     """Refuse responses that cannot be of this robot, or not in one fit.
@@ -82,14 +74,16 @@ def find_contradictions(
 ) -> tuple[Note, ...]:
     """A warning where responses of one robot at the same declared angles differ far beyond their noise.
 
-    No parameters explain both; those that are found are of neither.
+    No parameters explain both; those that are found are of neither.  Responses are not of one posture where the median
+    over lines of |G1 - G2| / |G| exceeds 0.3, by less than which friction changes from one measurement to the next, and
+    that over its standard deviation 5.
     """
     unlike = [
         (f"{first.configuration.name} and {second.configuration.name}", *difference)
         for first, second in _same_postures(responses)
         if _are_of_one_robot(first.configuration.name, second.configuration.name, robots)
-        and (difference := _difference(first, second))[0] > MAX_DIFFERENCE
-        and difference[1] > MAX_DIFFERENCE_OVER_STD
+        and (difference := _difference(first, second))[0] > 0.3
+        and difference[1] > 5.0
     ]
     if not unlike:
         return ()
@@ -130,7 +124,7 @@ def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[fl
 def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
     """Pairs at the same angles and through the same channels."""
     angles = np.array([response.configuration.angles for response in responses])
-    same = np.all(np.abs(angles[:, None] - angles) < ANGLE_TOLERANCE, axis=2)
+    same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
     for i, j in np.argwhere(np.triu(same, 1)):
         first, second = responses[i], responses[j]
         if (first.inputs, first.outputs) == (second.inputs, second.outputs):
@@ -145,7 +139,7 @@ def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
             continue
         _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
         same = int(np.all((first.G[lines] == second.G[other_lines]) & (first.G[lines] != 0), axis=(1, 2)).sum())
-        if same > MAX_SHARED_LINES * min(first.n_lines, second.n_lines):
+        if same > 0.5 * min(first.n_lines, second.n_lines):
             words.append(
                 Note(
                     "alike-responses",

@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.local_optimum import Ending, distance_to_optimum, held_by_bounds
+from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, distance_to_optimum, held_by_bounds
 
 # The return status of an iteration callback that ends it, and that of an exception none of IPOPT's own, such as Ctrl-C.
 _STOPPED, _FOREIGN_EXCEPTION = "User_Requested_Stop", "NonIpopt_Exception_Thrown"
@@ -94,9 +93,9 @@ def _hessian(scaled: ScaledProblem) -> Callback:
     weights = scaled.weight * np.outer(scaled.scale, scaled.scale)
 
     def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        whole = float(arguments[2]) * weights * scaled.guarded(arguments[0]).hessian
+        hessian = float(arguments[2]) * weights * scaled.guarded(arguments[0]).hessian
         # The upper triangle column by column is the lower one row by row.
-        return [ca.DM(upper, whole[rows_of_columns])]
+        return [ca.DM(upper, hessian[rows_of_columns])]
 
     inputs = [*_point(n), ("lam_f", vector(1)), ("lam_g", ca.Sparsity(0, 1))]
     return Callback("nlp_hess_l", inputs, [("hess_gamma_x_x", upper)], evaluate)

@@ -1,21 +1,35 @@
-r"""solve: the local optimum of any LeastSquares problem, by a trust-region method or by IPOPT.
+r"""Local solve and multistart of any LeastSquares problem, by a trust-region method or by IPOPT.
 
 .. math:: \min_x V(x) \quad \text{s.t.} \quad x_{lower} \le x \le x_{upper}, \qquad \nabla^2 V \approx 2 J^T J
+
+From 50 % off a local solve finds the global optimum only half of the time: many starts are solved, each problem after
+the other from where the one before ended (log, then complex), and those that reached the best cost are counted as hits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, TypeAlias
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.base.execution import Execution, in_order
+from elastid.fit.problem.least_squares import (
+    Ending,
+    Evaluation,
+    LeastSquares,
+    LocalOptimum,
+    distance_to_optimum,
+    held_by_bounds,
+    is_far_from_noise,
+)
 from elastid.fit.solve.ipopt import ipopt
-from elastid.fit.solve.local_optimum import Ending, LocalOptimum, distance_to_optimum, held_by_bounds
 from elastid.fit.solve.trust_region import CREEPING, trust_region
+from elastid.parameters import Parameter, ParameterSet
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 
@@ -25,9 +39,6 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 FINE = 1e-3
 ROUGH = 0.1
 NEAR = 3.0
-# Below this distance a solve counts as converged, whatever made it stop; so does one that creeps far from any noise,
-# where the model is what is wrong, and not the search.
-CONVERGED = 1e-2
 _Solver: TypeAlias = Callable[[LeastSquares, FloatArray, Evaluation, float, int], Ending]
 _SOLVERS: dict[SolverName, _Solver] = {"trust_region": trust_region, "ipopt": ipopt}
 
@@ -55,5 +66,134 @@ def solve(
     off = distance_to_optimum(end.evaluation, problem.dof, held_by_bounds(problem, end.x, end.evaluation))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
-    converged = off < CONVERGED or end.status == CREEPING
+    # One that creeps far from any noise has converged, too: the model is wrong, and not the search.
+    converged = off < 1e-2 or end.status == CREEPING
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
+
+
+# A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
+MAX_HIT_EXCESS = 0.1
+# Iterations of a rough solve.
+ROUGH_ITERATIONS = 60
+# Of dampings and frictions.
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
+
+
+def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
+    """Starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
+
+    Logarithmic parameters within `factor` of their start, dampings and frictions, which are known less well, within
+    factor^2, linear ones within a tenth of their bounds (unbounded ones stay), all within the bounds.
+    """
+    lower, upper = parameters.x_bounds
+    n, n_x = starts - 1, len(parameters.free)
+    rng = np.random.default_rng(seed)
+    strata = np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T
+    cube = 2 * (strata + rng.random((n, n_x))) / max(n, 1) - 1
+    reach = np.array([_reach(parameter, factor) for parameter in parameters.free])
+    return np.vstack([parameters.x, np.clip(parameters.x + cube * reach, lower, upper)])
+
+
+def _reach(parameter: Parameter, factor: float) -> float:
+    if parameter.log:
+        return math.log(factor) * (2 if parameter.unit in DAMPING_UNITS else 1)
+    span = parameter.upper - parameter.lower
+    return 0.1 * span if math.isfinite(span) else 0.0
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in the middle of many starts or after them; ends: of those that did not fail, best first."""
+
+    def __init__(self, ends: Iterable[LocalOptimum]) -> None:
+        self.ends = tuple(sorted((end for end in ends if math.isfinite(end.cost)), key=lambda end: end.cost))
+        super().__init__(f"interrupted after {len(self.ends)} starts")
+
+
+def multistart(
+    problems: Sequence[LeastSquares],
+    starts: FloatArray,
+    method: SolverName = "trust_region",
+    execution: Execution | None = None,
+) -> tuple[tuple[LocalOptimum, ...], int]:
+    """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
+
+    Every start is solved roughly; those that can still reach the best cost are then solved finely, and the others end
+    where they are, with a message. The same under any execution; for several processes the problems must pickle.
+    Raises FitError where none succeeds, Interrupted on Ctrl-C.
+    """
+    execution = execution or Execution()
+    begin = _Begin(tuple(problems), method)
+    rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
+    best = min(end.cost for end in rough)
+    if not np.isfinite(best):
+        raise FitError(f"all {len(rough)} starts failed; the first with: {rough[0].message}")
+    reach = best + _deviation(best, problems[-1])
+    # One that ran out of iterations is continued where it is near enough.
+    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
+    polish = _Polish(problems[-1], method)
+    try:
+        polished = _solved(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
+    except Interrupted:
+        raise Interrupted(rough) from None
+    ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
+    ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
+    best = ranked[0].cost
+    hit = best + MAX_HIT_EXCESS * _deviation(best, problems[-1])
+    return ranked, sum(end.cost <= hit for end in ranked)
+
+
+def _deviation(cost: float, problem: LeastSquares) -> float:
+    """By how much V rises at one standard deviation from its minimum."""
+    return max(1.0, cost / max(problem.dof, 1))
+
+
+def _stopped(end: LocalOptimum) -> LocalOptimum:
+    if not math.isfinite(end.cost):
+        return end
+    return replace(end, message=f"stopped early, far above the best cost; {end.message}")
+
+
+def _solved(
+    function: Callable[[Any], LocalOptimum], items: Mapping[str, Any], execution: Execution
+) -> list[LocalOptimum]:
+    """function of each item in order; on Ctrl-C what is done is kept in the exception."""
+    try:
+        return in_order(execution.resumed(function, list(items.values()), list(items)))
+    except KeyboardInterrupt:
+        raise Interrupted(execution.checkpoint[name] for name in items if name in execution.checkpoint) from None
+
+
+@dataclass(frozen=True)
+class _Begin:
+    """A start solved roughly, problem by problem."""
+
+    problems: tuple[LeastSquares, ...]
+    method: SolverName
+
+    def __call__(self, x_start: FloatArray) -> LocalOptimum:
+        x, iterations = x_start, 0
+        try:
+            for problem in self.problems:
+                tolerance = ROUGH if problem is self.problems[-1] else NEAR
+                end = solve(problem, x, tolerance, ROUGH_ITERATIONS, self.method)
+                x, iterations = end.x, iterations + end.iterations
+        except FitError as error:
+            return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))
+        return LocalOptimum(x_start, end.x, end.cost, iterations, end.converged, end.message)
+
+
+@dataclass(frozen=True)
+class _Polish:
+    """A rough end taken to the optimum; far from any noise it stays, since it is near enough."""
+
+    problem: LeastSquares
+    method: SolverName
+
+    def __call__(self, rough: LocalOptimum) -> LocalOptimum:
+        if is_far_from_noise(rough.cost, self.problem.dof):
+            return rough
+        try:
+            end = solve(self.problem, rough.x, FINE, method=self.method)
+        except FitError as error:
+            return replace(rough, cost=math.inf, converged=False, message=str(error))
+        return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)

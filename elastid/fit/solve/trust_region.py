@@ -24,16 +24,20 @@ import numpy as np
 from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.local_optimum import Ending, distance_to_optimum, held_by_bounds, is_far_from_noise
+from elastid.fit.problem.least_squares import (
+    Ending,
+    Evaluation,
+    LeastSquares,
+    distance_to_optimum,
+    held_by_bounds,
+    is_far_from_noise,
+)
 from elastid.parameters import ParameterSet
 
 # The first radius, for each variable: a factor of two in all logarithmic parameters.
 FIRST_RADIUS = np.log(2.0)
 # V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
 POOR_SHARE, GOOD_SHARE = 0.25, 0.75
-# A step is taken if V falls by this share of the prediction.
-MIN_SHARE = 1e-4
 # The radius shrinks to a share of the step within these; to the first where V is not finite.
 SHRINK = (0.1, 0.5)
 # A step of this share of the radius was limited by it, and one longer by less is within it.
@@ -88,7 +92,7 @@ def trust_region(
         share = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
         length = float(np.sqrt(step @ metric @ step))
         radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
-        if share > MIN_SHARE:
+        if share > 1e-4:
             x, now = x_new, new
         costs.append(now.cost)
     return Ending(x, now, "stopped", max_iterations)

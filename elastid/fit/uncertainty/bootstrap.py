@@ -20,11 +20,10 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.least_squares import RESIDUALS
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.problem.least_squares import RESIDUALS, LocalOptimum
+from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.uncertainty.line_sums import correlation_length
-from elastid.fit.weights.weights import Weights, vec
 
 BootstrapKind: TypeAlias = Literal["parametric", "residual"]
 

@@ -41,10 +41,16 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
+from elastid.fit.problem.weights import Weights
 from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.jackknife import block_variance, disagreement, jackknife_variance
-from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
-from elastid.fit.weights.weights import Weights
+from elastid.fit.uncertainty.line_sums import (
+    LineSums,
+    block_variance,
+    correlation_length,
+    disagreement,
+    jackknife_variance,
+    sum_lines,
+)
 from elastid.response import FrequencyResponse
 
 
@@ -64,7 +70,8 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest
     """The shares of all configurations and the band of each parameter; A_inverse (n_x, n_x)
     over the directions that the data reach."""
     power = [_by_line(part, A_inverse) for part in parts]
-    total = np.sum([np.sum(each, axis=0) for each in power], axis=0)
+    sums = [np.sum(lines, axis=0) for lines in power]
+    total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
     freq_hz = np.concatenate([part.freq_hz for part in parts])
     order = np.argsort(freq_hz, kind="stable")
@@ -72,19 +79,13 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
-    return InformationShares(np.array([np.sum(each, axis=0) / total for each in power]), band, weakest)
+    return InformationShares(np.array([own / total for own in sums]), band, weakest)
 
 
 def _by_line(part: LineSums, A_inverse: FloatArray) -> FloatArray:
     """[A^-1 A_k A^-1]_ii (F, n_x) of each line."""
     moved = (part.rows @ A_inverse) ** 2
     return np.asarray(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
-
-
-# Directions whose scaled singular value is below this share of the largest are not determined by the data.
-RANK_TOLERANCE = 1e-8
-# A parameter whose part in such a direction of length one is larger lies in it.
-IN_DIRECTION = 1e-3
 
 
 @frozen_value
@@ -118,8 +119,8 @@ def estimate_uncertainty(
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
-    sums, each = partial(sum_lines, replace(fit, parts=()), x, factors), zip(fit.parts, responses, weights, strict=True)
-    parts = (execution or Execution()).ordered(sums, list(each))
+    sums = partial(sum_lines, replace(fit, parts=()), x, factors)
+    parts = (execution or Execution()).ordered(sums, list(zip(fit.parts, responses, weights, strict=True)))
     R = np.diag(prior)
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
@@ -130,10 +131,9 @@ def estimate_uncertainty(
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
-    by_blocks, floor = (
-        block_variance(blocks, A_inverse),
-        _floor_share(parts, expected_cost, dof if math.isnan(cost_dof) else cost_dof) * _floor(parts, A_inverse),
-    )
+    by_blocks = block_variance(blocks, A_inverse)
+    floor_share = _floor_share(parts, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
+    floor = floor_share * _floor(parts, A_inverse)
     if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
@@ -152,14 +152,16 @@ def estimate_uncertainty(
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A^-1 of A = R^T R over the directions that the data reach, singular values, and which parameters lie outside.
 
-    From R and not from A, whose condition number is the square.
+    The data do not reach directions whose scaled singular value is below 1e-8 of the largest; a parameter lies outside
+    if its part in one of these, of length one, exceeds 1e-3.  From R and not from A, whose condition number is the
+    square.
     """
     length = np.linalg.norm(R, axis=0)
     length[length == 0] = 1.0
     _, singular_values, Vt = np.linalg.svd(R / length)
-    reached = singular_values > RANK_TOLERANCE * max(singular_values[0], 1e-300)
+    reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
-    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > IN_DIRECTION, axis=0)
+    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
 
 
 def _weakest(R: FloatArray) -> FloatArray:
@@ -190,8 +192,8 @@ def _noise(
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
     """Pulls (n_x, F) of all configurations, those of one frequency summed up."""
-    each, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
-    total = np.zeros((len(each), len(parts[0].pull)))
+    freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
+    total = np.zeros((len(freq_hz), len(parts[0].pull)))
     np.add.at(total, place, np.concatenate([part.pull for part in parts], axis=1).T)
     return total.T
 

@@ -7,10 +7,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.base.statistics import QUANTILE_95
 from elastid.report.figures import style
 from elastid.validation.fleet import FleetValue
 
-Z_95 = 1.959964
 # Robots whose names fit below an axis.
 MAX_NAMED = 40
 
@@ -28,8 +28,8 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
             continue
         x = [robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own]
         axes.errorbar(
-            x, [v.value for v in own], Z_95 * np.array([v.std for v in own]), ls="none", marker="o", ms=2.5, mew=0,
-            elinewidth=0.9, color=style.FITTED if is_marked else style.TOTAL,
+            x, [v.value for v in own], QUANTILE_95 * np.array([v.std for v in own]), ls="none", marker="o", ms=2.5,
+            mew=0, elinewidth=0.9, color=style.FITTED if is_marked else style.TOTAL,
             label="differs or drifts" if is_marked else "robot, dates from left to right",
         )  # fmt: skip
     style.lighten(axes)

@@ -7,13 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.robot import Robot
 
 # Quantile of 95 % intervals, and points of a curve.
-_Z_95, _POINTS = 1.96, 400
+_POINTS = 400
 # In thresholds: a stop operator slides after 2; a sign that turns gradually has turned at 3.
 _BEYOND, _TURNS = 4.0, 5.0
 # Velocity in rad/s (m/s) that is drawn to either side where friction turns at once.
@@ -77,8 +78,9 @@ def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | N
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
     axes.set_axis_on()
+    reach = QUANTILE_95 * std
     axes.fill_between(
-        1e3 * x, torque - _Z_95 * std, torque + _Z_95 * std, color=style.FITTED, alpha=0.3, lw=0, label="95 % interval"
+        1e3 * x, torque - reach, torque + reach, color=style.FITTED, alpha=0.3, lw=0, label="95 % interval"
     )
     axes.plot(1e3 * x, torque, color=style.FITTED, lw=1.2, label="friction")
     for level in () if known is None else (known, -known):
@@ -89,7 +91,7 @@ def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | N
         axes,
         f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s",
         f"{what} in {style.pretty_unit(unit)}",
-        f"{place}: F_c = {own:.4g} ± {_Z_95 * of_own:.2g} {style.pretty_unit(unit)}",
+        f"{place}: F_c = {own:.4g} ± {QUANTILE_95 * of_own:.2g} {style.pretty_unit(unit)}",
     )
     style.lighten(axes)
 

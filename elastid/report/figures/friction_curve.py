@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
@@ -21,8 +22,6 @@ POINTS = 200
 BEYOND = 2.0
 # Levels belong to one curve within so many kelvins, and this share of the largest load.
 SAME_KELVIN, SAME_LOAD = 5.0, 0.05
-# Ends of 95 % intervals of a normal distribution, which levels have.
-Z_95 = 1.96
 # Direction: color, name.
 DIRECTIONS = {
     0.0: (style.MEASURED, "both directions"),
@@ -86,8 +85,8 @@ def friction_curve(law: StaticLaw) -> Figure:
         axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0, label="measured speeds")
         style.lighten(axes)
     style.set_log_frequency(curve, np.array([low / BEYOND, high * BEYOND]), 12)
-    curve.set_ylim(0, 1.15 * float((levels.torque + Z_95 * levels.std).max()))
-    for bound in (-Z_95, Z_95):
+    curve.set_ylim(0, 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max()))
+    for bound in (-QUANTILE_95, QUANTILE_95):
         left.axhline(bound, color=style.TRUTH, lw=0.6, ls=":")
     reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
     left.set_ylim(-reach, reach)
@@ -136,7 +135,7 @@ def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, here
             continue
         looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3.5, "color": ink}
         looks |= {"mfc": ink, "mew": 0.0} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
-        x, error = levels.speed[own], Z_95 * levels.std[own]
+        x, error = levels.speed[own], QUANTILE_95 * levels.std[own]
         curve.errorbar(x, levels.torque[own], error, **looks, elinewidth=0.8, capsize=2, zorder=order, label=text)
         left.plot(x, residuals(law)[own], **looks, zorder=order)
 
@@ -198,7 +197,7 @@ def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color
     left = levels.torque[members] - law.fit.torque(levels.select(members).conditions)
     torque = law.fit.torque(_conditions(typical, kind, speed, values)) + left
     looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3.2, "mew": 0, "elinewidth": 0.8, "capsize": 2}
-    axes.errorbar(values, torque, Z_95 * levels.std[members], **looks, color=color, label=f"{speed:.3g}")
+    axes.errorbar(values, torque, QUANTILE_95 * levels.std[members], **looks, color=color, label=f"{speed:.3g}")
 
 
 def _conditions(typical: Condition, kind: str, speed: float, values: FloatArray) -> Conditions:

@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.innovations import FILTER
 from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import Z_95, units
+from elastid.report.figures.friction_curve import units
 
 MINUTE = 60.0
 # Longest time in s that is shown in seconds.
@@ -45,7 +46,7 @@ def friction_filter(found: FollowedFriction) -> Figure:
     style.label(nis, f"time in {unit}", "NIS")
     rho = found.consistency.autocorrelation
     correlation.stem(np.arange(1, len(rho)), rho[1:], linefmt="-", markerfmt=".", basefmt=" ")
-    reach = 1.96 / np.sqrt(max(found.consistency.n_eff, 1.0))
+    reach = QUANTILE_95 / np.sqrt(max(found.consistency.n_eff, 1.0))
     correlation.axhspan(-reach, reach, color=style.FITTED, alpha=0.15, lw=0)
     style.label(correlation, "lag in samples", "autocorrelation")
     for axes in panels[:, 0]:
@@ -106,7 +107,7 @@ def _draw_tests(axes: Axes, warm_up: WarmUp, model: ThermalModel, level_of: Leve
     for i, speed in enumerate(np.unique(warm_up.test_speed).tolist()):
         own, color = warm_up.test_speed == speed, style.SERIES[i % len(style.SERIES)]
         looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3, "mew": 0, "elinewidth": 0.8, "color": color}
-        error = Z_95 * warm_up.level_std[own]
+        error = QUANTILE_95 * warm_up.level_std[own]
         axes.errorbar(minutes[own], warm_up.level[own], error, **looks, label=f"tests at {speed:.3g} {unit}")
         if predicted is not None:
             axes.plot(minutes[own], predicted[own], color=color, lw=1.0)

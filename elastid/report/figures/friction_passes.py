@@ -10,13 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_samples
 from elastid.friction_study.passes import MAX_HARMONIC, Pass, gravity_names, ripple_names
 from elastid.friction_study.plateaus import distinct_speeds
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import POINTS, Z_95, units
+from elastid.report.figures.friction_curve import POINTS, units
 
 # Samples of a pass that are drawn.
 MOST_PASS_SAMPLES = 3000
@@ -170,6 +171,6 @@ def _draw_curve(axes: Axes, found: MotionFriction, samples: MotionSamples) -> No
                 label="both directions alike",
             )
         friction, std = sliding(found.chosen, v)
-        band = Z_95 * std
+        band = QUANTILE_95 * std
         axes.fill_between(v, friction - band, friction + band, color=style.FITTED, alpha=0.3, lw=0)
         axes.plot(v, friction, color=style.FITTED, lw=1.4, label="regression")

@@ -9,10 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.presliding import Elements, Loops, Presliding
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import Z_95, units
+from elastid.report.figures.friction_curve import units
 
 # Thresholds of a spectrum that take less of the break-away torque are not drawn.
 MIN_SHARE = 1e-4
@@ -105,7 +106,7 @@ def _draw(axes: Axes, amplitude: FloatArray, values: FloatArray, std: FloatArray
     order = np.argsort(amplitude)
     x, y = np.append(0.0, amplitude[order]), np.append(limit[0], values[order])
     axes.plot(x, y, color=style.WEAK, lw=0.9, ls="--", zorder=1)
-    axes.errorbar(amplitude, values, Z_95 * std, **looks, color=style.MEASURED, label="measured")
-    axes.errorbar([0.0], limit[:1], Z_95 * limit[1], **looks, color=style.FITTED, label="extrapolated")
+    axes.errorbar(amplitude, values, QUANTILE_95 * std, **looks, color=style.MEASURED, label="measured")
+    axes.errorbar([0.0], limit[:1], QUANTILE_95 * limit[1], **looks, color=style.FITTED, label="extrapolated")
     axes.margins(x=0.06)
     style.lighten(axes)

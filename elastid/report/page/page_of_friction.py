@@ -13,11 +13,12 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.escape import embedded_json
 from elastid.base.execution import Execution
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
 from elastid.report.figures.drawings import JOINT, friction_study_drawings
-from elastid.report.figures.friction_curve import DIRECTIONS, Z_95, Condition, law_band, law_directions, units
+from elastid.report.figures.friction_curve import DIRECTIONS, Condition, law_band, law_directions, units
 from elastid.report.figures.style import own_style
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
 from elastid.report.page.booklet import columns, heading, text_pages, title_page, twin_text, wrapped
@@ -70,12 +71,12 @@ def _curve(name: str, law: StaticLaw) -> Mapping[str, Any]:
         own = here & (levels.direction == direction)
         at, key = np.searchsorted(speed, levels.speed[own]), NAMES[direction][0]
         curves[f"level{key}"] = _placed(len(speed), at, levels.torque[own])
-        curves[f"half{key}"] = _placed(len(speed), at, Z_95 * levels.std[own])
+        curves[f"half{key}"] = _placed(len(speed), at, QUANTILE_95 * levels.std[own])
     for direction in law_directions(law):
         torque, half = law_band(law, condition.at(speed, direction))
         for what, values in (("law", torque), ("low", torque - half), ("high", torque + half)):
             curves[f"{what}{NAMES[direction][0]}"] = _rounded(values)
-    highest = float((levels.torque + Z_95 * levels.std)[here].max())
+    highest = float((levels.torque + QUANTILE_95 * levels.std)[here].max())
     unit_of_speed, unit = units(levels.slides)
     return {
         "title": f"{name} {condition.text(law)}".rstrip(),

@@ -87,7 +87,7 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
     """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
     if not named_geometry(study.fit.parameters, study.as_robot()):
         return
-    from elastid.fit.setup.geometry import geometry_problems  # brings CasADi, which few checks need
+    from elastid.fit.setup.parameter_checks import geometry_problems  # brings CasADi, which few checks need
 
     configurations = study.experiment.configurations
     if any(study.as_robot().count_refusal(len(angles)) for angles in configurations.values()):

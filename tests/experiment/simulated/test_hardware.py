@@ -25,10 +25,10 @@ from elastid.experiment.specs.disturbances import (
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.weights import weigh
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weights.weights import weigh
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise

@@ -65,7 +65,7 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
     ],
 )
 def test_readings_bodies_and_springs_that_the_robot_lacks_have_sentences(fault: str, words: str) -> None:
-    """Two of a robot's motors that both are mirrored, or neither: the data cannot tell which one is."""
+    """Two of a robot's motors that both are mirrored, or neither: the data cannot distinguish them."""
     sentence = next(note.text for note in fitted(fault).notes if note.code == "modification-index")
     assert sentence.startswith(words)
 
@@ -76,7 +76,7 @@ def test_what_cannot_be_told_apart_is_said_together() -> None:
     assert sentence.startswith(
         "torques of all channels that read -3.9 % (or motions of all channels that read +4.1 %, or"
     )
-    assert "a sampling rate -2 % (and motions from positions): the data cannot tell)" in sentence
+    assert "a sampling rate -2 % (and motions from positions): the data cannot distinguish them)" in sentence
 
 
 def test_a_fit_of_the_true_robot_has_no_sentence() -> None:

@@ -1,19 +1,27 @@
 """Normal equations on few columns and on half of a symmetric response: the same numbers as from all elements."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
+from plants.linkages import linkage
 from plants.three_mass import FREQ, circular
 
+from elastid.base.arrays import ComplexArray
 from elastid.base.kernels import is_compiled
+from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import Evaluation
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
-from elastid.linear.linearise import Linearisation
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.response.sensitivity import Sensitivity
 from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
+from elastid.model.formulation import formulate, serial
+from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
 from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
@@ -120,3 +128,108 @@ def test_a_mass_without_gravity_acts_along_three_directions():
     np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
     part = next(fit.parts[0].normal.columns.at(fit.theta(fit.parts[0], x)))
     assert part.S.shape == (2, 1, 3, 3)
+
+
+pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
+
+
+def random_part(
+    rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int, n_3: int
+) -> Sensitivity:
+    """Random columns of the elements of a response, on and above the diagonal where it is square."""
+    rows, columns = np.triu_indices(n_u) if n_y == n_u else np.indices((n_y, n_u)).reshape(2, -1)
+    r, omega = 2 * (n_2 > 0) + n_2, rng.uniform(0.1, 1.0, F)
+    left = circular(rng, (F, n_y, n_1 + r))
+    S = rng.standard_normal((2, n_2, r, r))
+    S[0, n_2 // 2 :] = 0.0
+    return Sensitivity(
+        block=slice(start, start + F),
+        s=300j * omega,
+        omega=omega,
+        gain=circular(rng, (F,)),
+        G=circular(rng, (F, len(rows))),
+        left=left,
+        right=left if n_y == n_u else circular(rng, (F, n_u, n_1 + r)),
+        sign=rng.choice([-1.0, 1.0], n_1),
+        S=S + S.swapaxes(2, 3),
+        whole=circular(rng, (F, len(rows), n_3)),
+        outputs=rows.astype(np.int64),
+        inputs=columns.astype(np.int64),
+    )
+
+
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize("is_diagonal", [True, False])
+@pytest.mark.parametrize(
+    ("F", "n_y", "n_u", "n_1", "n_2", "n_3"),
+    [
+        (1, 1, 1, 1, 0, 0),
+        (BATCH, 2, 2, 3, 1, 0),
+        (BATCH + 1, 3, 3, 5, 0, 2),
+        (37, 3, 2, 7, 5, 4),
+        (7, 2, 1, 0, 3, 2),
+        (5, 4, 4, 0, 2, 0),
+    ],
+)
+def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precision):
+    """One line, whole batches and more; one element, odd numbers of them; columns of any rank, others and none."""
+    rng = np.random.default_rng(F)
+    start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2 + n_3)
+    part = random_part(rng, start, F, n_y, n_u, n_1, n_2, n_3)
+    n_e = len(part.outputs)
+    R: ComplexArray = circular(rng, (start + F, n_e, n_e))
+    R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
+    R[-1] = 0.0  # a line that is masked
+    q, slope = circular(rng, (F, n_e)), circular(rng, (F, n_e))
+    upper = np.triu(np.ones((len(scale),) * 2))
+    for G, of_e in ((part.G, None), (None, slope)):
+        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
+        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
+        assert found.cost == pytest.approx(expected.cost, rel=1e-13)
+        for one, other in ((found.weight, expected.weight), (found.pulled, expected.pulled)):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max(initial=1.0))
+        tolerance = 1e-12 if precision is np.float64 else 1e-5
+        moments = expected.moments * upper
+        np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=tolerance * np.abs(moments).max())
+
+
+@pytest.mark.parametrize("mode", ["minimal", "constrained"])
+@pytest.mark.parametrize("F", [1, 60])
+def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeypatch):
+    """Correlated weights, elements left out, a held spring; every byte again from the copy of another process."""
+    robot, rng, model = linkage(bends=True), np.random.default_rng(4), ModelSpec(mode)
+    built = formulate(robot, model)
+    linear = linearise(built, Configuration("c1", (0.3, 0.5)), built.theta, built.inputs, "acceleration")
+    exact = to_response(linear, linear.theta_ref, np.linspace(2, 60, F))
+    n_e = exact.G[0].size
+    root = circular(rng, (F, n_e, 3 * n_e)) * (0.02 * np.abs(exact.G)).transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
+    variance = np.einsum("faa->fa", C).real.reshape(F, *exact.G.shape[:0:-1]).transpose(0, 2, 1)
+    noise = Covariance(variance, np.inf, matrix=C)
+    measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
+    spec = FitSpec(
+        parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
+        weights=WeightSpec(
+            covariance="full",
+            factors=(
+                FactorSpec(0.0, output=exact.outputs[0], input=exact.inputs[1]),
+                FactorSpec(0.0, band_hz=(15.0, 16.0)),
+            ),
+        ),
+    )
+    parameters = choose(spec, robot)
+    x = parameters.x + 0.05 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
+
+    def evaluated(in_c: bool) -> tuple[ElasticFit, Evaluation]:
+        monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: in_c)
+        fit = Assembly.of([measured], robot, spec, parameters, model).at(parameters.x, "complex")
+        return fit, fit.evaluate(x)
+
+    (_, by_numpy), (fit, in_c) = evaluated(False), evaluated(True)
+    size = np.sqrt(np.diag(by_numpy.hessian))
+    assert in_c.cost == pytest.approx(by_numpy.cost, rel=1e-10)  # G is 50 times the residuals, cond Z 3e3
+    np.testing.assert_allclose(in_c.gradient / size, by_numpy.gradient / size, atol=1e-10 * np.sqrt(in_c.cost))
+    np.testing.assert_allclose(in_c.hessian / np.outer(size, size), by_numpy.hessian / np.outer(size, size), atol=1e-11)
+    part = pickle.loads(pickle.dumps(fit.parts[0]))
+    here, again = (one.normal.at(fit.theta(fit.parts[0], x)) for one in (fit.parts[0], part))
+    assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]

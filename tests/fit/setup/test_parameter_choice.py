@@ -1,13 +1,26 @@
 """Which parameters a study identifies."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
+from plants.notes import said
 
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.identify import identify
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec, WeightSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import serial
+from elastid.parameters import Parameter, ParameterSet, Tie
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.store import read_fit, write_fit
 
 ROBOT = Robot(
     "arm",
@@ -104,3 +117,363 @@ def test_friction_may_end_far_above_a_data_sheets_number():
     friction, damping = (parameters(**{name: ParameterSpec()})[name] for name in ("fm_1", "d_1"))
     assert friction.upper >= 0.2 / 8e-4 * friction.value
     assert damping.upper == pytest.approx(100 * damping.value)
+
+
+FREQ = np.linspace(2, 60, 60)
+
+
+def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
+    """Two axes about the vertical, one upon the other, each with an elastic gear."""
+    lower = Body("lower", joints=(Joint("1", "z", Spring(2 * k, 2 * d), Motor(1e-3, viscous=viscous)),), inertia=5e-3)
+    upper = Body("upper", "lower", joints=(Joint("2", "z", Spring(k, d), Motor(1e-3, viscous=1e-3)),), inertia=2e-3)
+    return Robot("bench", (lower, upper), gravity=(0.0, 0.0, 0.0))
+
+
+def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> FrequencyResponse:
+    model = serial(robot)
+    configuration = Configuration(name, (0.0, 0.3))
+    linear = Linearisation.of(model).at(configuration, model.theta, robot.motor_locations, "acceleration")
+    exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
+    std = relative * (np.abs(exact.G) + 0.01 * np.abs(exact.G).max())
+    noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
+    return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+
+
+def off(result, name: str, truth: float) -> float:
+    i = result.parameters.free_names.index(name)
+    return abs(result.x[i] - np.log(truth)) / np.sqrt(result.covariance[i, i])
+
+
+def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit(tmp_path: Path):
+    """Two cold configurations with three times the friction of a warm one, springs shared; read back as it is."""
+    rng = np.random.default_rng(0)
+    data = [measure(bench(3e-2), "c1", rng), measure(bench(3e-2), "c2", rng), measure(bench(1e-2), "c3", rng)]
+    per = {"cold": ("c1", "c2"), "warm": ("c3",)}
+    spec = FitSpec(
+        parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_1": ParameterSpec(per=per)},
+        starts=4,
+        weights=WeightSpec(floor=0.0),
+    )
+    result = identify(data, bench(5e-3), spec)
+    assert result.parameters.free_names == ("k_1", "d_1", "k_2", "d_2", "fm_1@cold", "fm_1@warm")
+    assert result.status == "converged"
+    for name, truth in (("fm_1@cold", 3e-2), ("fm_1@warm", 1e-2), ("k_2", 100.0)):
+        assert off(result, name, truth) < 4
+    place = result.parameters.index("fm_1")
+    assert result.theta_of("c2")[place] == result.values["fm_1@cold"]
+    assert result.theta_of("c3")[place] == result.values["fm_1@warm"]
+    for response, fitted in zip(data, FittedRobot.of(result, bench(), data).responses, strict=True):
+        assert np.median(np.abs(fitted.G / response.G - 1)) < 0.03
+    write_fit(tmp_path / "fit.h5", result)
+    again = read_fit(tmp_path / "fit.h5")
+    assert again.parameters == result.parameters
+    np.testing.assert_array_equal(again.share, result.share)
+    # What informs the friction of the cold is where it is cold.
+    cold = result.parameters.free_names.index("fm_1@cold")
+    assert result.share[:2, cold].sum() > 0.9
+    np.testing.assert_allclose(result.share.sum(axis=0), 1.0)
+
+
+def test_per_configuration_is_one_of_its_own_for_each():
+    """Three configurations, three parameters; where nothing is known of configurations there is one."""
+    spec = FitSpec(parameters={"fm_1": ParameterSpec(per="configuration")})
+    assert choose(spec, bench(), ["a", "b"]).free_names == ("fm_1@a", "fm_1@b")
+    assert choose(spec, bench()).free_names == ("fm_1",)
+    some = FitSpec(parameters={"fm_1": ParameterSpec(per={"cold": ("b",)})})
+    assert choose(some, bench(), ["a", "b"]).free_names == ("fm_1", "fm_1@cold")
+
+
+def test_one_ratio_damps_all_springs():
+    """d = beta k with one beta for both dampers, and as a loss factor at 10 Hz: beta = eta / (2 pi 10)."""
+    data = [measure(bench(), "c1", np.random.default_rng(1))]
+    for tie, start, truth in (
+        (TieSpec("k_*", by="ratio"), 2e-3, 5e-4),
+        (TieSpec("k_*", by="ratio", at_hz=10.0), 0.1, 5e-4 * 20 * np.pi),
+    ):
+        spec = FitSpec(
+            parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(tie=tie), "fm_*": ParameterSpec()},
+            ratios={"ratio": RatioSpec(start)},
+            starts=4,
+        )
+        result = identify(data, bench(), spec)
+        assert "ratio" in result.parameters.free_names
+        assert off(result, "ratio", truth) < 4
+        assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
+
+
+def test_a_ratio_stays_within_its_bounds_and_near_its_prior():
+    """As any positive parameter: bounds as given, and a prior of its relative standard deviation about the start."""
+    known = RatioSpec(1e-3, bounds=(5e-4, 2e-3), prior=PriorSpec(0.1))
+    dampings = {"d_*": ParameterSpec(tie=TieSpec("k_*", by="eta"))}
+    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec(), **dampings}, ratios={"eta": known}), bench())
+    (eta,) = (parameter for parameter in parameters.free if parameter.name == "eta")
+    assert (eta.lower, eta.upper) == (5e-4, 2e-3)
+    assert eta.prior is not None
+    assert eta.prior.std == pytest.approx(0.1)
+
+
+def test_the_jacobian_of_products_follows_from_differences():
+    """A tie to two free parameters, one to a fixed and a free one, a stand-in; logarithmic and linear."""
+    parameters = ParameterSet(
+        (
+            Parameter("k", 3.0, log=True),
+            Parameter("c", 2.0),
+            Parameter("d", 1.0, tie=Tie("k", 0.5, "beta")),
+            Parameter("e", 1.0, tie=Tie("m", 2.0, "c")),
+            Parameter("m", 4.0, free=False),
+            Parameter("k@a", 5.0, log=True, only=("a",)),
+            Parameter("beta", 0.1, log=True, ratio=True),
+        )
+    )
+    assert parameters.names == ("k", "c", "d", "e", "m")
+    x = parameters.x + 0.1
+    for where in ("", "a", "b"):
+        J = np.column_stack(
+            [
+                (parameters.expand(x + step, where) - parameters.expand(x - step, where)) / 2e-6
+                for step in 1e-6 * np.eye(4)
+            ]
+        )
+        np.testing.assert_allclose(parameters.jacobian(x, where), J, atol=1e-8)
+    assert parameters.expand(x, "a")[0] == pytest.approx(5.0 * np.exp(0.1))
+    assert parameters.moved("a") == ("k", "c", "d", "e")
+
+
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        (FitSpec(parameters={"k_1": ParameterSpec()}, ratios={"beta": RatioSpec(1.0)}), "fit.ratios.beta: no tie uses"),
+        (
+            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="b"))}),
+            "no ratio is called b;",
+        ),
+        (FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_*"))}), r"needs exactly one \* in the key"),
+        (
+            FitSpec(parameters={"fm_1": ParameterSpec(per={"a": ("c1",), "b": ("c1",)})}),
+            "fit.parameters.fm_1.per: configuration c1 is in two groups",
+        ),
+        (
+            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="k_1"))}, ratios={"k_1": RatioSpec(1.0)}),
+            "fit.ratios.k_1: the robot has a parameter of that name",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(spec, says):
+    """By the place in the study where it stands."""
+    with pytest.raises(StudyError, match=says):
+        choose(spec, bench(), ["c1"])
+
+
+@pytest.fixture
+def data() -> list[FrequencyResponse]:
+    rng = np.random.default_rng(2)
+    return [measure(bench(), name, rng) for name in ("c1", "c2", "c3")]
+
+
+def renamed(response: FrequencyResponse, name: str, angles=(0.0, 0.3)) -> FrequencyResponse:
+    return replace(response, configuration=Configuration(name, angles))
+
+
+def test_wrong_sets_of_responses_are_named(data):
+    """No response, one twice, angles missing or of another robot, an input or output that the robot lacks."""
+    spec = FitSpec(starts=1)
+    for given, says in (
+        ([], "there is no response to fit"),
+        ([data[0], data[1], renamed(data[2], "c1")], "configuration c1 is given by two responses"),
+        ([data[0], renamed(data[1], "c2", ())], "configuration c2: 0 angles for 2 driven joints"),
+        ([data[0], renamed(data[1], "c2", (0.0,) * 6)], "c2: 6 angles for 2 driven joints .* another robot"),
+        ([data[0], replace(data[1], inputs=("motor 1", "motor 7"))], "input motor 7, which robot bench has not"),
+        ([data[0], replace(data[1], outputs=("motor 1", "tool"))], "'tool' is not a place .* another robot"),
+        ([replace(data[0], rate_is_known=False), data[1]], "the lines of c1 are in units of an unknown sampling rate"),
+    ):
+        with pytest.raises(DataError, match=says):
+            identify(given, bench(), spec)
+
+
+def test_weights_that_are_all_zero_are_named(data):
+    """Nothing is left to fit, because the study says so."""
+    from elastid.fit.spec import FactorSpec
+
+    spec = FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0),)))
+    with pytest.raises(DataError, match=r"nothing is left to fit: .*fit.weights leave no line"):
+        identify(data, bench(), spec)
+
+
+def test_a_configuration_of_another_robot_is_named(data):
+    """The same axes, but twice as soft: the fit cannot follow both, and says which one stands apart."""
+    rng = np.random.default_rng(3)
+    others = [measure(bench(), name, rng) for name in ("c4", "c5")]
+    foreign = measure(bench(k=60.0), "c6", rng)
+    result = identify([*data, *others, foreign], bench(), FitSpec(starts=3))
+    assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in said(result.notes))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
+def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, foreign):
+    """They draw the fit so far that no residual stands out; without them the others agree."""
+    rng = np.random.default_rng(4)
+    other = bench(k=20.0, d=0.3, viscous=5e-3)
+    result = identify([*data, *(measure(other, name, rng) for name in foreign)], bench(), FitSpec(starts=3))
+    sentences = (
+        f"without configuration {' and '.join(foreign)} the model fits the others far better",
+        f"configuration {foreign[0]}: its residuals",
+        f"configurations c1, c2, c3 on the one side and {', '.join(foreign)} on the other disagree",
+    )
+    assert any(word.startswith(sentences) for word in said(result.notes)), said(result.notes)
+    alone = said(identify(data, bench(), FitSpec(starts=3)).notes)
+    assert not any("far better" in word or "disagree" in word for word in alone)
+
+
+@pytest.mark.slow
+def test_a_bound_that_holds_most_starts_is_named(data):
+    """The friction starts beside a bound that the optimum is far from; starts that end elsewhere tell."""
+    spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)
+    result = identify(data, bench(d=0.2), spec)
+    assert result.status == "misfit"
+    assert "converged with d_1, d_2 at a bound, but" in result.message
+    assert any("d_2 ended at its lower bound of 0.09" in warning for warning in said(result.notes))
+
+
+def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
+    """Asked for by pattern; the intervals are about those of the covariance, NaN where not asked for."""
+    spec = FitSpec(starts=2, profile=("k_*",), bootstrap=40, weights=WeightSpec(floor=0.0))
+    result = identify(data[:1], bench(), replace(spec, seed=1))
+    for i, name in enumerate(result.parameters.free_names):
+        low, high = result.interval(name)
+        drawn = np.log(result.bootstrap95[i, 1] / result.bootstrap95[i, 0])
+        assert 0.5 < drawn / np.log(high / low) < 1.4  # intervals grant the residuals more than the noise alone does
+        if name.startswith("k_"):
+            np.testing.assert_allclose(result.profile95[i], (low, high), rtol=0.005)
+        else:
+            assert np.isnan(result.profile95[i]).all()
+    with pytest.raises(StudyError, match=r"fit.profile: k_9 is no free parameter; did you mean"):
+        identify(data[:1], bench(), replace(spec, profile=("k_9",), bootstrap=0))
+
+
+def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
+    """A damper that the data hardly see: an interval that is not symmetric in the logarithm, with a word."""
+    rng = np.random.default_rng(0)
+    noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
+    spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
+    result = identify(noisy, bench(), replace(spec, seed=1))
+    names = result.parameters.free_names
+    profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
+    assert {name for name in names if result.std[name] > 0.15 * result.values[name]} <= set(profiled)
+    assert {"fm_1", "fm_2"} <= set(profiled)
+    assert any(f"{', '.join(profiled)}: V is not quadratic" in warning for warning in said(result.notes))
+    assert not len(identify(noisy, bench(), replace(spec, profile=(), seed=1)).profile95)
+    well = identify(data, bench(), replace(spec, seed=1))
+    springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
+    assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
+
+
+@pytest.mark.parametrize("solver", ["trust_region", "ipopt"])
+def test_solvers_end_at_the_same_optimum(data, solver):
+    """Trust region and IPOPT."""
+    spec = FitSpec(starts=4, solver=solver)
+    result = identify(data, bench(d=0.1, k=60.0), spec)
+    truth = bench().parameters()
+    assert result.status == "converged"
+    assert max(off(result, name, truth[name][0]) for name in result.parameters.free_names) < 4
+
+
+@pytest.mark.slow
+def test_a_robust_study_shrugs_off_a_bad_band(data):
+    """Between 20 and 24 Hz one output is three times too large; Huber's loss stays near the truth."""
+    bad = (FREQ > 20) & (FREQ < 24)
+    spoilt = [replace(r, G=np.where(bad[:, None, None], r.G * [[3.0], [1.0]], r.G)) for r in data]
+    errors = {}
+    for loss in ("square", "huber"):
+        result = identify(spoilt, bench(), FitSpec(starts=2, weights=WeightSpec(loss=loss)))
+        errors[loss] = abs(np.log(result.values["k_1"] / 200.0))
+    assert errors["huber"] < errors["square"] / 3
+
+
+def bodied(inertia=(0.02, 0.03, 0.04, 0.001, 0.0, 0.002)) -> Robot:
+    """A driven axis under two elastic rotations: every axis of the body's inertia is felt."""
+    joints = (
+        Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=1e-3)),
+        Joint("x", "x", Spring(200.0, 0.1)),
+        Joint("y", "y", Spring(300.0, 0.1)),
+    )
+    body = Body("arm", joints=joints, mass=2.0, center_of_mass=(0.05, 0.03, 0.02), inertia=inertia)
+    return Robot("bodied", (body,), gravity=(0.0, 0.0, 0.0))
+
+
+def of_body(robot: Robot, rng: np.random.Generator) -> FrequencyResponse:
+    model = serial(robot)
+    places = ("motor 1", "joint 1", "joint x", "joint y")
+    linear = Linearisation.of(model).at(Configuration("c1", (0.0,)), model.theta, places, "acceleration")
+    exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
+    std = 0.01 * np.abs(exact.G)
+    noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
+    return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+
+
+def test_an_inertia_tensor_is_found():
+    """Three moments and two products from motor and joint motion, from starts that are a tenth off."""
+    names = ("I_arm_xx", "I_arm_yy", "I_arm_zz", "I_arm_xy", "I_arm_yz")
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=1, weights=WeightSpec(floor=0.0))
+    start = bodied((0.022, 0.028, 0.038, 0.0, 0.0, 0.0))
+    result = identify([of_body(bodied(), np.random.default_rng(0))], start, spec)
+    truth = bodied().parameters()
+    std = np.sqrt(np.diag(result.covariance))
+    x = np.array([parameter.to_x(truth[parameter.name][0]) for parameter in result.parameters.free])
+    assert result.status == "converged"
+    assert np.all(np.abs(result.x - x) < 4 * std)
+    assert not any("physically impossible inertia" in warning for warning in said(result.notes))
+
+
+def test_an_inertia_stays_one_that_a_body_can_have():
+    """A body as thin as a sheet, whose largest moment is the sum of the others, with the others held 10 % too small."""
+    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
+    held = {"I_arm_xx": ParameterSpec(start=0.018, fixed=True), "I_arm_yy": ParameterSpec(start=0.027, fixed=True)}
+    spec = FitSpec(parameters=held | {"I_arm_zz": ParameterSpec(start=0.03), "k_1": ParameterSpec()}, starts=2)
+    result = identify([of_body(sheet, np.random.default_rng(1))], bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), spec)
+    assert 0.044 < result.values["I_arm_zz"] < 0.045
+    assert any("body arm: the data ask for a physically impossible inertia" in w for w in said(result.notes))
+
+
+@pytest.mark.slow
+def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
+    """M depends on m c^2: far starts, and those that no body could have, end at the truth all the same."""
+    free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
+    truth = bodied(inertia=(0.02, 0.03, 0.04, 0.0, 0.0, 0.0))
+    start = replace(truth, bodies=(replace(truth.bodies[0], mass=3.0, center_of_mass=(0.09, 0.03, 0.02)),))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in free}, starts=4, weights=WeightSpec(floor=0.0))
+    for seed in range(2):
+        result = identify([of_body(truth, np.random.default_rng(seed))], start, replace(spec, seed=seed))
+        x = np.array([p.to_x(truth.parameters()[p.name][0]) for p in result.parameters.free])
+        assert result.status == "converged"
+        assert result.hits >= 3
+        assert np.all(np.abs(result.x - x) < 4 * np.sqrt(np.diag(result.covariance)))
+
+
+def test_a_plate_is_no_start_that_leads_nowhere():
+    """The largest moment of a plate is the sum of the others, which is the very border of what a body can have."""
+    plate, names = bodied((0.02, 0.03, 0.05, 0.0, 0.0, 0.0)), ("I_arm_xx", "I_arm_yy", "I_arm_zz")
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=4)
+    result = identify([of_body(bodied((0.022, 0.03, 0.042, 0.0, 0.0, 0.0)), np.random.default_rng(2))], plate, spec)
+    assert result.status == "converged"
+    assert result.hits == 4
+    assert result.values["I_arm_zz"] == pytest.approx(0.042, rel=0.02)
+
+
+def test_a_start_that_no_body_can_have_is_named():
+    spec = FitSpec(parameters={"I_arm_zz": ParameterSpec(start=0.2)}, starts=2)
+    with pytest.raises(StudyError, match=r"body arm a physically impossible inertia.*correct the start"):
+        identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
+
+
+@pytest.mark.slow
+def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
+    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
+    both = [
+        replace(of_body(sheet, np.random.default_rng(seed)), configuration=Configuration(f"c{seed}", (0.0,)))
+        for seed in (1, 2)
+    ]
+    free = {"I_arm_zz": ParameterSpec(start=0.03, per="configuration"), "k_1": ParameterSpec()}
+    result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
+    assert 0.044 < result.values["I_arm_zz@c1"] < 0.045
+    assert 0.044 < result.values["I_arm_zz@c2"] < 0.045

@@ -13,8 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.multistart import multistart, spread
-from elastid.fit.solve.solvers import FINE, SolverName, solve
+from elastid.fit.solve.solvers import FINE, SolverName, multistart, solve, spread
 from elastid.parameters import Parameter, ParameterSet
 
 T = np.linspace(0, 1, 50)

@@ -8,10 +8,9 @@ from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured,
 
 from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.weights import weigh
 from elastid.fit.uncertainty.bootstrap import bootstrap
-from elastid.fit.uncertainty.intervals import interval_errors
-from elastid.fit.uncertainty.profile import profiles
-from elastid.fit.weights.weights import weigh
+from elastid.fit.uncertainty.intervals import interval_errors, profiles
 from elastid.linear.fitted_model import response_deviation, uncertain_modes
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response

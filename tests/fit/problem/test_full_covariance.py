@@ -9,11 +9,11 @@ from plants.three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.setup.assembly import robust_factors
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
-from elastid.fit.weights.weights import check_factors, weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
 

@@ -1,7 +1,23 @@
 r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
 
-A full covariance is smoothed around a model of the noise.  With the model C = L L^H (`noise_components`) the whitened
-covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken from the neighbouring lines:
+A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
+at its inputs that pass through it.
+
+.. math:: C(k) = \sum_i a_i(\omega)\, e_i e_i^T + \sum_j b_j(\omega)\, g_j(k) g_j(k)^H, \qquad a_i, b_j \ge 0
+
+g_j are the columns of the measured response: noise of the torque, friction and disturbances at a motor move all outputs
+together, strongest at the resonances. a_i is a sum of white noise in position, velocity and acceleration; b_j of white
+torque, torque that falls with frequency, and torque that grows with the excitation. These few levels are found over all
+lines by maximum likelihood of Wishart matrices with a majorising step,
+
+.. math:: \theta \leftarrow \theta\, \frac{\sum_k w_k\, \mathrm{tr}(Q C^{-1} S C^{-1})}
+                                          {\sum_k w_k\, \mathrm{tr}(Q C^{-1})}, \qquad C = \sum \theta Q
+
+so that they are known far better than the covariance S of a line. w_k <= 1 is small where a line is far noisier than
+the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, JCGS 28, 2019.)
+
+With the model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken
+from the neighbouring lines:
 
 .. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
 
@@ -14,17 +30,106 @@ where the noise is as smooth as supposed. A line that is noisier than chance all
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.special import fdtr, gammainc, gammaincinv
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.fit.weights.noise_components import NoiseShapes, noise_model
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, FrequencyResponse
 
-# The total variance counts as below the noise, which is part of it, where chance puts it there once in so many times.
-BELOW_NOISE_PROBABILITY = 1e-3
+# What is added to the diagonal, as a share of the mean variance of an output: keeps a model of exact data regular.
+MIN_VARIANCE_SHARE = 1e-9
+
+
+@dataclass(frozen=True)
+class NoiseShapes:
+    """The shapes along frequency of a response's noise: own (p, F) of its outputs, torque (q, F) of its inputs.
+
+    G (F, n_y, n_u): how torque reaches the outputs.
+    """
+
+    own: FloatArray
+    torque: FloatArray
+    G: ComplexArray
+
+    @classmethod
+    def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> NoiseShapes:
+        """weakness (F,): the inverse of the excitation's power, where it is known."""
+        f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
+        own = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
+        torque = [np.ones_like(f), f**-2.0]
+        if weakness is not None and np.all(weakness > 0):
+            torque.append(weakness.mean() / weakness)
+        return cls(own, np.stack(torque), G)
+
+    def on(self, lines: BoolArray) -> NoiseShapes:
+        """The same on some of the lines."""
+        return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
+
+
+def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
+    """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
+
+    The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S;
+    fewer than 16 lines are not divided.
+    """
+    lines = np.arange(len(S))
+    C = np.empty(S.shape, np.complex128)
+    for half in (lines % 2 == 0, lines % 2 == 1):
+        source = ~half if len(S) >= 16 else np.ones_like(half)
+        C[half] = _levels(S[source], shapes.on(source))(shapes.on(half))
+    return C
+
+
+def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
+    """The model with the levels that explain S best, as a function of other lines' shapes."""
+    F, n_y, n_u = shapes.G.shape
+    level = np.einsum("faa->a", S).real / F
+    if not np.all(level > 0):
+        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-300))
+        return lambda other: np.broadcast_to(diagonal, (len(other.G), n_y, n_y)).astype(np.complex128)
+    scale = np.sqrt(level)
+    S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
+    floor = MIN_VARIANCE_SHARE * np.eye(n_y)
+    a = np.tile(1 / shapes.own.mean(axis=1)[:, None], n_y) / (2 * len(shapes.own))
+    reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
+    b = np.divide(F * n_y / (2 * n_u * len(shapes.torque)), reached, out=np.zeros_like(reached), where=reached > 0)
+    for _ in range(30):
+        W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
+        WSW = np.asarray(W @ S @ W)
+        t = np.einsum("fab,fba->f", W, S).real / n_y
+        w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
+        a = a * _ratio(_own_power(WSW, w, shapes), _own_power(W, w, shapes))
+        b = b * _ratio(_torque_power(WSW, w, shapes, g), _torque_power(W, w, shapes, g))
+    return lambda other: np.asarray(
+        (_sum(a, b, other, other.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
+    )
+
+
+def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> ComplexArray:
+    """sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
+    C = (g * (shapes.torque.T @ b)[:, None, :]) @ np.swapaxes(g, -1, -2).conj()
+    diagonal = np.arange(g.shape[1])
+    C[:, diagonal, diagonal] += shapes.own.T @ a
+    return np.asarray(C)
+
+
+def _own_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes) -> FloatArray:
+    """sum_k w_k tr(Q W) (p, n_y) of the noise on the outputs."""
+    return np.asarray((shapes.own * w) @ np.einsum("faa->fa", W).real)
+
+
+def _torque_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> FloatArray:
+    """sum_k w_k tr(Q W) (q, n_u) of torques."""
+    return np.asarray((shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real)
+
+
+def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
+    return np.divide(np.maximum(measured, 0.0), expected, out=np.zeros_like(measured), where=expected > 0)
 
 
 @frozen_value
@@ -108,7 +213,8 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
     """The total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
     Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of
-    elements may be one error, and realisations that share their noise do so at all lines.
+    elements may be one error, and realisations that share their noise do so at all lines.  By more than chance: it puts
+    the total below the noise, which is part of it, once in a thousand times.
     """
     total, noise = response.total, response.noise
     if total is None or noise is None:
@@ -118,14 +224,9 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
         return total
     ratio = math.exp(float(np.mean(np.log(total.variance[both] / noise.variance[both]))))
     far = gammainc(total.dof, total.dof * ratio) if math.isinf(noise.dof) else fdtr(2 * total.dof, 2 * noise.dof, ratio)
-    return noise if far < BELOW_NOISE_PROBABILITY else total
+    return noise if far < 1e-3 else total
 
 
-# Degrees of freedom behind a weight, for each correlated element and for its level.
-MIN_DOF_PER_ELEMENT = 10
-MIN_DOF_OF_LEVEL = 24
-# A line of so many for each element needs no neighbours: its weights cost 2 % of standard deviation.
-ENOUGH_DOF_PER_ELEMENT = 30
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
@@ -169,9 +270,11 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: i
 
 
 def _width(n: int, dof: float) -> int:
-    if dof >= ENOUGH_DOF_PER_ELEMENT * n:
-        return 1
-    return max(math.ceil(max(MIN_DOF_PER_ELEMENT * n, MIN_DOF_OF_LEVEL / n) / dof), 3)
+    """Lines with 10 degrees of freedom for each of n correlated elements and 24 for their level.
+
+    A line of 30 for each element needs no neighbours: its weights cost 2 % of standard deviation.
+    """
+    return 1 if dof >= 30 * n else max(math.ceil(max(10 * n, 24 / n) / dof), 3)
 
 
 def _shrinkage(X: ComplexArray, width: int) -> float:
@@ -207,21 +310,17 @@ def _H(A: ComplexArray) -> ComplexArray:
 # Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
 # sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
 MIN_DOF = 24
-# A line whose variance exceeds the smooth one by more than chance allows (once in a thousand lines) keeps its own.
-OUTLIER_PROBABILITY = 1e-3
 
 
 def smooth_variance(
-    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0, weakness: FloatArray | None = None
+    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0
 ) -> tuple[FloatArray, FloatArray, int]:
     r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
 
     .. math:: \ln \tilde v_k = s_k + \text{mean}_{|l - k| \le w/2} (\ln v_l - s_l) + \ln c, \qquad
-              s_k = a \ln |G_k|^2 + b \ln w_k
+              s_k = a \ln |G_k|^2
 
-    The exponents a and b in [0, 1] are found by regression: a is 0 where noise ignores the resonances, 1 where it
-    follows them; b is 1 where noise sets the level, 0 where distortion does, which grows with the excitation. weakness
-    (F,): w, the inverse of the power of the input, where it is known; its spectrum may jump from line to line. The
+    The exponent a in [0, 1] is found by regression: 0 where noise ignores the resonances, 1 where it follows them. The
     mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
     for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give MIN_DOF degrees of freedom.
     A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
@@ -234,8 +333,13 @@ def smooth_variance(
         return np.zeros_like(variance), np.zeros_like(variance), 1
     width = min((width or math.ceil(MIN_DOF / dof)) // 2 * 2 + 1, n)
     log_v = np.log(variance[known])
-    followed = [_log(np.abs(G[known]) ** 2)] + ([] if weakness is None else [_log(weakness[known])])
-    shape = _shape(log_v, np.array(followed), width)
+    power = np.abs(G[known]) ** 2
+    followed = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
+    rough = followed - moving_mean(followed, width)
+    a = 0.0
+    if np.abs(rough).max() > 1e-9:
+        a = float(np.linalg.lstsq(rough[:, None], log_v - moving_mean(log_v, width), rcond=1e-9)[0][0])
+    shape = min(max(a, 0.0), 1.0) * followed
     geometric = np.exp(shape + moving_mean(log_v - shape, width))
     unbiased = geometric / math.exp(log_moment(1, dof, width))
     for_weights = geometric * math.exp(log_moment(-1, dof, width))
@@ -244,31 +348,6 @@ def smooth_variance(
         for_weights, unbiased = (np.where(loud, variance[known], v) for v in (for_weights, unbiased))
     lines = np.arange(len(variance))
     return np.interp(lines, lines[known], for_weights), np.interp(lines, lines[known], unbiased), width
-
-
-def _log(power: FloatArray) -> FloatArray:
-    return np.asarray(np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300))))
-
-
-def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
-    """s (F,): what of log_v (F,) follows the rows of `followed` (1 or 2, F), exponents in [0, 1]."""
-    rough_v = log_v - moving_mean(log_v, width)
-    rough = np.array([row - moving_mean(row, width) for row in followed])
-    exponents = np.linalg.lstsq(rough.T, rough_v, rcond=1e-9)[0] if np.abs(rough).max() > 1e-9 else np.zeros(len(rough))
-    if len(rough) == 2 and not np.all((exponents >= 0) & (exponents <= 1)):
-        # The best on the border of the square: one exponent at an end, the other free between its own.
-        sides = [_on_a_side(rough_v, rough, one, end) for one in (0, 1) for end in (0.0, 1.0)]
-        exponents = min(sides, key=lambda side: float(np.sum((rough_v - side @ rough) ** 2)))
-    return np.asarray(np.clip(exponents, 0.0, 1.0) @ followed)
-
-
-def _on_a_side(rough_v: FloatArray, rough: FloatArray, one: int, end: float) -> FloatArray:
-    """Exponents (2,) with one of them at an end."""
-    other = rough[1 - one]
-    best = (rough_v - end * rough[one]) @ other / max(float(other @ other), 1e-12)
-    exponents = np.full(2, end)
-    exponents[1 - one] = np.clip(best, 0.0, 1.0)
-    return exponents
 
 
 def moving_mean(values: Any, width: int) -> Any:
@@ -287,5 +366,5 @@ def log_moment(power: int, dof: float, width: int) -> float:
 
 
 def largest_by_chance(dof: float) -> float:
-    """The factor over its mean that a sample variance exceeds with probability OUTLIER_PROBABILITY."""
-    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - OUTLIER_PROBABILITY) / dof)
+    """The factor over its mean that a sample variance exceeds once in a thousand lines."""
+    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - 1e-3) / dof)

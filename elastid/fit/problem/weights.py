@@ -11,12 +11,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
-from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.response import Covariance, FrequencyResponse
-
-# The smallest eigenvalue of the correlations, relative to the largest, that is not taken for rounding.
-EIGENVALUE_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +32,24 @@ class Whitening:
     @property
     def matrix(self) -> ComplexArray:
         """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
-        return whitening(self.noise.full(), self.floor, self.sigma, self.phase)
+        F, n_y, n_u = self.sigma.shape
+        row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
+        C = self.noise.full()[:, row_by_row[:, None], row_by_row].copy()
+        used = np.isfinite(self.sigma).reshape(F, -1)
+        s = np.where(used, self.sigma.reshape(F, -1), 1.0)
+        diagonal = np.arange(n_y * n_u)
+        C[:, diagonal, diagonal] += self.floor.reshape(F, -1) ** 2
+        both = used[:, :, None] & used[:, None, :]
+        relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
+        relative[:, diagonal, diagonal] += ~used
+        L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
+        return np.asarray(L_inverse * self.phase.reshape(F, 1, -1))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """The same on some lines."""
-        kept = np.zeros(len(self.sigma), dtype=np.bool_)
-        kept[keep] = True
-        return Whitening(self.noise.lines(kept), self.floor[keep], self.sigma[keep], self.phase[keep])
+        mask = np.zeros(len(self.sigma), dtype=np.bool_)
+        mask[keep] = True
+        return Whitening(self.noise.lines(mask), self.floor[keep], self.sigma[keep], self.phase[keep])
 
 
 def weighs_correlations(
@@ -67,28 +75,6 @@ def weighs_correlations(
     return not flaw
 
 
-def whitening(
-    noise: ComplexArray, floor: FloatArray, sigma: FloatArray, phase: ComplexArray | FloatArray
-) -> ComplexArray:
-    """L^-1 diag(sigma phase) (F, m, m) that whitens errors relative to sigma; elements in the order of G, row by row.
-
-    noise (F, m, m): vec column-major.  floor, sigma, phase (F, n_y, n_u): alpha |G|, inf where an element is left out,
-    and factors of modulus one between the residual and the error of G.
-    """
-    F, n_y, n_u = sigma.shape
-    row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
-    C = noise[:, row_by_row[:, None], row_by_row].copy()
-    used = np.isfinite(sigma).reshape(F, -1)
-    s = np.where(used, sigma.reshape(F, -1), 1.0)
-    diagonal = np.arange(n_y * n_u)
-    C[:, diagonal, diagonal] += floor.reshape(F, -1) ** 2
-    both = used[:, :, None] & used[:, None, :]
-    relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
-    relative[:, diagonal, diagonal] += ~used
-    L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
-    return np.asarray(L_inverse * phase.reshape(F, 1, -1))
-
-
 def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> str:
     """The flaw of the correlations of the elements that count, empty without one."""
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
@@ -99,17 +85,13 @@ def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> st
     diagonal = np.arange(R.shape[1])
     part[:, diagonal, diagonal] = 1.0
     values = np.linalg.eigvalsh(part)
-    bad = np.flatnonzero(values[:, 0] < EIGENVALUE_TOLERANCE * values[:, -1])
+    bad = np.flatnonzero(values[:, 0] < 1e-10 * values[:, -1])  # rounding
     if not bad.size:
         return ""
     return (
         f"the covariance of its elements is singular at {bad.size} of {len(R)} lines, first at "
         f"{response.freq_hz[bad[0]]:g} Hz (smallest eigenvalue {values[bad[0], 0]:.1e} of the correlations)"
     )
-
-
-# The largest correction of a measured variance for its part in its own weight is the inverse of this.
-MIN_CORRECTION = 0.1
 
 
 @frozen_value
@@ -119,7 +101,7 @@ class Weights:
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
     scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
     weights.  floor: alpha.  notes: what was left out, and why.
-    is_correlated: whether the noise's covariance weighs the elements of a line together, or they count one by one.
+    is_correlated: True if the noise's covariance weighs the elements of a line together, else they count one by one.
     """
 
     sigma: FloatArray
@@ -169,33 +151,20 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     if spec.band_hz is not None:
         used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
     notes: list[Note] = []
+
+    def note(code: str, text: str) -> None:
+        notes.append(Note(code, text, f"configuration {where}"))
+
     if response.uncertainty is None:
-        notes.append(
-            Note(
-                "no-variance",
-                f"no variance is known; the floor of {floor:g} alone weighs its lines",
-                f"configuration {where}",
-            )
-        )
+        note("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines")
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
-        notes.append(
-            Note(
-                "elements-left-out",
-                f"left out, no more than noise: {_element_names(response, mute)}",
-                f"configuration {where}",
-            )
-        )
+        names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
+        note("elements-left-out", f"left out, no more than noise: {names}")
         used &= ~mute
     silent = used & (sigma == 0)
     if silent.any():
-        notes.append(
-            Note(
-                "elements-left-out",
-                f"left out, {int(silent.sum())} elements of zero variance and no floor",
-                f"configuration {where}",
-            )
-        )
+        note("elements-left-out", f"left out, {int(silent.sum())} elements of zero variance and no floor")
         used &= ~silent
     sigma = np.where(used, sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
@@ -232,7 +201,7 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, MIN_CORRECTION)))
+    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, 0.1)))
 
 
 def _matches(response: FrequencyResponse, factor: FactorSpec) -> BoolArray:
@@ -257,12 +226,6 @@ def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used:
     power = np.abs(response.G) ** 2
     ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
     return np.asarray(np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0))
-
-
-def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
-    return ", ".join(
-        f"{response.outputs[i]} from {response.inputs[j]}" for i, j in zip(*np.nonzero(chosen), strict=True)
-    )
 
 
 def check_factors(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:

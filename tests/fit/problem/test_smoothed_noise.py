@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, circular, plant
 
+from elastid.fit.problem.smoothed_noise import NoiseShapes, noise_model, smooth_noise
+from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.weights.noise_components import NoiseShapes, noise_model
-from elastid.fit.weights.smoothed_noise import smooth_noise
-from elastid.fit.weights.weights import weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
 

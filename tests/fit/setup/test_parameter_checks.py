@@ -18,7 +18,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.geometry import geometry_problems
+from elastid.fit.setup.parameter_checks import geometry_problems
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation

@@ -1,1 +1,0 @@
-"""How much each element of a measured response counts: variances, their smoothing, full covariances, factors."""

@@ -1,0 +1,51 @@
+"""Residuals between two responses, and the distance from the end of a solve to the stationary point."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastid.fit.problem.least_squares import (
+    RESIDUALS,
+    Evaluation,
+    ResidualKind,
+    as_real,
+    distance_to_optimum,
+    error_gain,
+    is_far_from_noise,
+)
+
+G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
+
+
+@pytest.mark.parametrize("kind", ["complex", "log"])
+def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) -> None:
+    """s = -de/dG, and the gain of a small error of the measured response is the same."""
+    measured, step = 1.3 * G, 1e-7
+    (e, slope), (moved, _) = (RESIDUALS[kind](measured, model) for model in (G, G + step))
+    np.testing.assert_allclose((e - moved) / step, slope, rtol=1e-6)
+    np.testing.assert_allclose(RESIDUALS[kind](G + step, G)[0] / step, error_gain(kind, G), rtol=1e-6)
+
+
+def test_the_logarithmic_residual_has_a_wrapped_phase() -> None:
+    e, _ = RESIDUALS["log"](np.array([np.exp(3.0j)]), np.array([np.exp(-3.0j)]))
+    np.testing.assert_allclose(e, [1j * (6.0 - 2 * np.pi)], atol=1e-12)
+
+
+def test_real_and_imaginary_parts_alternate() -> None:
+    assert as_real(G).tolist() == [1.0, 2.0, -3.0, 0.5]
+
+
+def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
+    """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
+    dof, offset = 10, 2.0
+    for cost, expected in ((10.0, 4.0), (40.0, 2.0)):
+        ending = Evaluation(cost, np.array([8.0 * offset]), np.array([[8.0]]))
+        assert distance_to_optimum(ending, dof, np.array([False])) == pytest.approx(expected)
+        assert distance_to_optimum(ending, dof, np.array([True])) == 0.0
+    assert distance_to_optimum(Evaluation(np.inf, np.zeros(1), np.eye(1)), dof, np.array([False])) == np.inf
+
+
+def test_far_from_noise_is_a_hundred_times_the_degrees_of_freedom() -> None:
+    assert is_far_from_noise(1001.0, 10)
+    assert not is_far_from_noise(1000.0, 10)
