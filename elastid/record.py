@@ -1,4 +1,10 @@
-"""Record and FrictionRecord: sampled signals of an experiment or a motion, with rate, places and configuration."""
+"""Record and FrictionRecord: sampled signals of an experiment or a motion, with rate, places and configuration.
+
+A signal is named by where it acts, the same text in a study, a record, a response and a model:
+`motor 1` (torque or angle of the motor that drives joint 1, referred to the link), `joint 1` (relative angle of a
+joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame about one of its own axes),
+`frame tool z` (motion of a frame's origin along its axis), `accelerometer tool z` (the same less gravity along it).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""FrequencyResponse: G (F, n_y, n_u) of one configuration, measured or modelled, with covariance and quality."""
+"""FrequencyResponse: G (F, n_y, n_u) of one configuration, measured or modelled, with covariance and quality.
+
+    Y(k) = G(k) U(k),   G (F, n_y, n_u)
+
+Measurement and model both end in this value. All on the link side, outputs of one quantity (acceleration unless stated
+otherwise).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The table of stages: for each kind of study the values that a stage is handed, its artefacts and its function."""
+"""The table of stages: for each kind of study the values that a stage is handed, its artefacts and its function.
+
+A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which shows
+a command for each row, loads none of them.
+"""
 
 from __future__ import annotations
 

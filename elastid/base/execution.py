@@ -1,4 +1,7 @@
-"""Independent work in processes or on a Dask cluster: the same results whatever their number, a clean end on Ctrl-C."""
+"""Independent work in processes or on a Dask cluster: the same results whatever their number, a clean end on Ctrl-C.
+
+Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask cluster, which must see the same files.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Files of a run folder, none reached through a link, and HDF5 files that contain all of their data."""
+"""Files of a run folder, none reached through a link, and HDF5 files that contain all of their data.
+
+A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its
+user outside of it. The run folder itself may be a link: its user has named it.
+
+HDF5 can name data in other files: external links, external storage, virtual datasets.  A log that does so would have
+any file that its reader may open read as a measurement.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
+r"""The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast.
+
+.. math:: k_{eq} = E[\tau'(\Delta_0 + \sigma \xi)], \quad \xi \sim N(0, 1), \qquad
+          k_{eq} - k_t = 3 k_3 \sigma^2 \text{ of a cubic spring}
+
+Delta_0: the deflection under gravity, k_t = tau'(Delta_0): the stiffness in the model, sigma: rms deflection by the
+multisine, k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and
+Schoukens 2012, ch. 3). The fit finds k_eq in the place of k_t.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""The expected response of a plan, as the fit will receive it, and damping and scatter by Coulomb friction."""
+r"""The expected response of a plan, as the fit will receive it, and damping and scatter by Coulomb friction.
+
+.. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
+          d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
+
+T_k are the lines of the friction torque, V_k those of the motor's velocity under the multisine, v_c the velocity of the
+carrier. d is the best linear approximation, which the fit finds as viscous friction; s depends on the phases, repeats
+in every period and averages over realisations only.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The forecast of a plan: standard deviations, correlations, undetermined directions, use of the robot's limits."""
+r"""The forecast of a plan: standard deviations, correlations, undetermined directions, use of the robot's limits.
+
+.. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
+
+the covariance that the fit itself will state (`fit.uncertainty`) for the expected responses. The share
+c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The plan of a friction study: speeds of passes, their order, torques at standstill, and warm-ups."""
+"""The plan of a friction study: speeds of passes, their order, torques at standstill, and warm-ups.
+
+Speeds are D-optimal over the laws that the joint may have (`pass_speeds`, with its certificate), windows and ramps
+those that the joint's limits leave (`friction_axis`); what cannot be done is refused by name.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Amplitudes within the robot's limits: scaled by linear prediction, then rehearsed on the nonlinear model."""
+r"""Amplitudes within the robot's limits: scaled by linear prediction, then rehearsed on the nonlinear model.
+
+.. math:: |x_{movement}| + |x_{multisine}| \le (1 - margin)\, limit, \qquad
+          x = torque, position, velocity, acceleration
+
+The movement's peaks (holding torque, friction, carrier, ramps) come from a rehearsal without multisine, those of the
+multisine from the closed loop's linear response. Every experiment is then rehearsed as a whole run on the nominal robot
+with its friction and noise, and the configuration scaled again until all peaks are inside.
+"""
 
 from __future__ import annotations
 

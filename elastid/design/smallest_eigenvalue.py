@@ -5,6 +5,21 @@ r"""Shares that make the smallest eigenvalue of the information largest, with a 
 
 with one t for all guesses s where the worst of them counts. Clarabel solves it. From its dual matrices W_s follows the
 bound ln max_q sum_s Tr(W_s H_sq) - mean_s ln(S Tr(W_s K K^T)), valid wherever the solver has stopped.
+
+.. math:: \max_{\lambda, t}\ \frac{1}{S} \sum_s \ln t_s - \sum_i \lambda_i, \qquad
+          Z_s = \sum_i \lambda_i H_{si} - t_s K K^T \succeq 0, \quad \lambda_i \ge 0
+
+S guesses, K the parameters of interest: 1 / t_s is the largest eigenvalue of K^T M_s^-1 K. For the worst guess all have
+one t. However many the candidates, the dual has few unknowns, one matrix W_s for each guess:
+
+.. math:: \min_W\ -\frac{1}{S} \sum_s \ln(S\,\mathrm{Tr}\,W_s K K^T), \qquad
+          s_i = 1 - \sum_s \mathrm{Tr}\,W_s H_{si} \ge 0, \quad W_s \succeq 0
+
+(for the worst guess -ln sum_s Tr(W_s K K^T)), and every W that is allowed bounds all designs. Both are solved together:
+lambda_i s_i = mu, W_s Z_s = mu I and t_s Tr(W_s K K^T) = 1 / S with mu -> 0, by Newton's method with a prediction and a
+correction of second order. (Helmberg, Rendl, Vanderbei and Wolkowicz, SIAM J. Optimization 6 (1996) 342, for the
+direction, Mehrotra, SIAM J. Optimization 2 (1992) 575, for the correction; Pukelsheim, Optimal Design of Experiments,
+chapter 7, for the dual.)
 """
 
 from __future__ import annotations

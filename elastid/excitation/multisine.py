@@ -1,4 +1,7 @@
-"""Multisines: amplitudes of their lines, sets of n_u experiments (random phases, chirp, PRBS), signals over time."""
+r"""Multisines: amplitudes of their lines, sets of n_u experiments (random phases, chirp, PRBS), signals over time.
+
+.. math:: u(t) = \mathrm{Re} \sum_k U_k\, e^{2\pi j k t / T}, \qquad \sum_k |U_{k}|^2 / 2 = u_{rms}^2
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Export to CSV: parameters, modes, peaks of measured responses, and a frequency response for each configuration."""
+"""Export to CSV: parameters, modes, peaks of measured responses, and a frequency response for each configuration.
+
+The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""The loops of a linkage in MJCF: rods as bodies on ball joints, closed by equality constraints between sites."""
+r"""The loops of a linkage in MJCF: rods as bodies on ball joints, closed by equality constraints between sites.
+
+A rod that stretches evenly has its mass in two points, one at its first end and one at the part f of its length, which
+moves with the part f of its elongation s:
+
+.. math:: f = a + \frac{I}{m a L^2}, \qquad m_f = m a / f, \qquad m_0 = m - m_f
+
+so that mass, centre, inertia across it and all terms of s in T are those of the rod itself,
+:math:`T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 (I / L^2) |\dot p_2 - \dot p_1|^2`.
+"""
 
 from __future__ import annotations
 

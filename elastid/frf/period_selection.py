@@ -1,4 +1,20 @@
-"""Periods of a record that can be used: transients and single bad periods are left out where they matter."""
+r"""Periods of a record that can be used: transients and single bad periods are left out where they matter.
+
+Each channel of each period has a distance from the other periods, relative to the size of its spectrum,
+
+    D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
+
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient that is
+negligible against the total standard deviation stays (negligible_transient).
+
+The periods at the start that differ, n_t of P, change the equation error of the mean by
+
+.. math:: \Delta V = \frac{n_t}{P} \left[(\bar Y_t - \bar Y_s) - G (\bar U_t - \bar U_s)\right]
+
+with s the other periods.  To leave them out costs n_t / P of the data; to keep them costs nothing where |Delta V| is
+small against the total error, from the scatter of realisations, of the mean of them all: at neighbouring lines
+everywhere, since a transient sits at resonances.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,18 @@
-"""Welch's H1, H2 and Hv: responses of records without a period, from windowed segments that overlap."""
+r"""Welch's H1, H2 and Hv: responses of records without a period, from windowed segments that overlap.
+
+Every segment of every record of a configuration is a realisation. With the cross spectra of all K of them,
+
+.. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}, \quad H_2 = S_{yy} S_{uy}^{-1}
+
+and Hv by total least squares of each output.  The residual gives the covariance; for one input it is that by coherence,
+
+.. math:: cov(vec\, H) = S_{uu}^{-T} \otimes \frac{S_{vv}}{K_e - n_u}, \quad S_{vv} = \sum_k V_k V_k^H, \qquad
+          \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
+
+where K_e independent segments would tell as much as the K that overlap (Welch, IEEE Trans. Audio Electroacoust. 15,
+1967).  A segment has no model of leakage: a resonance narrower than its resolution is flattened, beyond its variance.
+(Bendat and Piersol, Random Data, 4th ed., sections 9.2 and 11.5.)
+"""
 
 from __future__ import annotations
 

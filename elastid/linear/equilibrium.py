@@ -1,4 +1,11 @@
-"""Rest under gravity: the operating point of a configuration, and preload of nonlinear springs there."""
+r"""Rest under gravity: the operating point of a configuration, and preload of nonlinear springs there.
+
+.. math:: \partial V / \partial q + \Phi^T \lambda = B u, \qquad \varphi(q) = 0, \qquad q_m = q_{m0}
+
+The motors stand where they were measured; links and further elastic joints deflect until springs, gravity and the
+forces in the loops balance. Redundant constraints leave lambda undetermined by forces that do no work; the smallest is
+taken.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""FittedModel: the linear model of one configuration with fitted numbers, their uncertainty in modes and responses."""
+r"""FittedModel: the linear model of one configuration with fitted numbers, their uncertainty in modes and responses.
+
+.. math:: \frac{d\lambda}{dx} = - \frac{\phi^T (\lambda^2\, dM + \lambda\, dD + dK)\, \phi}
+                                        {\phi^T (2 \lambda M + D)\, \phi}, \qquad
+          \mathrm{cov}\, y = \frac{dy}{dx}\, \mathrm{cov}\, x\, \frac{dy}{dx}^H
+
+to first order; M, D, K are symmetric, so that left and right eigenvectors are one (Adhikari, JSV 2000, 10).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Natural frequencies, damping, mode shapes, antiresonances and strain energies of a LinearModel."""
+r"""Natural frequencies, damping, mode shapes, antiresonances and strain energies of a LinearModel.
+
+.. math:: (\lambda^2 M + \lambda D + K)\, \phi = 0, \qquad f = |\lambda| / 2\pi, \quad
+          \zeta = -\mathrm{Re}\,\lambda / |\lambda|
+
+.. math:: w_s = \frac{c_s |b_s \phi|^2}{\phi^H K \phi}, \qquad w_g = 1 - \sum_s w_s, \qquad
+          K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
+
+c_s, b_s: `ElasticModel.strain`. w_g: gravity, compensators and the turning of the torques at rest; negative where these
+soften the mode, as the weight of an upright arm does.
+"""
 
 from __future__ import annotations
 

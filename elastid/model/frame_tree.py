@@ -1,4 +1,16 @@
-"""The frames of a robot's joints as a tree, turns of its joints, and positions of points of its bodies, in CasADi."""
+r"""The frames of a robot's joints as a tree, turns of its joints, and positions of points of its bodies, in CasADi.
+
+One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
+joint that slides moves its frame's origin along that axis and turns nothing. Origins are numbers, but for coordinates
+of the geometry that are symbols of theta. A turn about a coordinate axis costs six operations a vector instead of a
+3 x 3 product.
+
+.. math:: p = p_i + R_i\, T_i(q_i)\, p_{i+1}
+
+from the body up to a frame that carries it. A point is transformed from frame to frame, at six operations a turn about
+a coordinate axis; rotation matrices are never formed. Two points are compared in the last frame that carries both, so
+that an expression holds the joints between them and no others.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,17 @@ r"""Rigid bodies as a tree: velocities, mass matrix, bias forces, and torques of
 Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Recursions in joint frames: M by composite rigid bodies, c + g by
 Newton-Euler (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), on 3-vectors. M is linear in masses
 and inertias, g in masses. An elastic joint is a joint like any other here.
+
+.. math:: M(q) \ddot q + c(q, \dot q) + g(q) = \tau
+
+Niglis & Oberg (2015), eq. (2.7). Recursions in joint frames: M by composite rigid bodies, c + g by Newton-Euler
+(Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), on 3-vectors. M is linear in masses and
+inertias, g in masses.
+
+.. math:: \tau = M(q)\, a + c(q, v) + g(q), \qquad \tau_{ext} = J(q)^T w
+
+Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Springs, dampers, friction and rotors are left out; an elastic joint
+is a joint like any other here.
 """
 
 from __future__ import annotations

@@ -17,6 +17,12 @@ A compensator at the distance L between its two points has the potential
 Their torque -dV/dq is tau_g of Niglis & Oberg (2015), eq. (2.32). s = 1 for a strut that pushes, -1 for a cylinder that
 draws; the integral is [(h_0 / h)^(kappa - 1) - 1] / (kappa - 1), which is 0 / 0 at kappa = 1. dV/dq = (dV/dL) / (2 L)
 d(L^2)/dq is written out: a simulation evaluates it at every step.
+
+.. math:: E_s = \tfrac12\, c_s\, (b_s\, dq)^2, \qquad b_s = \partial x_s / \partial q
+
+with the tangent stiffness c_s and the deflection x_s. Of springs in series x_s is the torque that each bears, that of
+X^T K_a (q_m - q_a) in the letters of `drivetrain`, and c_s = 1 / k_s. Preload, which turns with the robot, is no part
+of it: with the weight it makes the rest of the energy of K.
 """
 
 from __future__ import annotations

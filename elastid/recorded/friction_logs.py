@@ -1,4 +1,8 @@
-"""Logs of a friction study as records: torque, position and load of each moving joint, in SI, on the link side."""
+"""Logs of a friction study as records: torque, position and load of each moving joint, in SI, on the link side.
+
+Channels, units, sides, gears and the gaps of a clock are those of `channels`; single missing samples and spikes of the
+torque are repaired by the samples beside them.
+"""
 
 from __future__ import annotations
 

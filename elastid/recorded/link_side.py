@@ -1,4 +1,12 @@
-"""Channels of a log in SI and on the link side, with the hold of their torques; missing samples stay missing."""
+"""Channels of a log in SI and on the link side, with the hold of their torques; missing samples stay missing.
+
+value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque, K and degF -> degC
+motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
+
+Where gears couple motors with several joints, each channel is converted by its own ratio first, then all together:
+
+    tau_a = E^T tau_m',   q_a = E^-1 q_m'        (E: robot.mixing)
+"""
 
 from __future__ import annotations
 

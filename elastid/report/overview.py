@@ -1,4 +1,11 @@
-"""The first screen of the page as values: verdict, width of each interval, where the model fails, what to do next."""
+r"""The first screen of the page as values: verdict, width of each interval, where the model fails, what to do next.
+
+.. math:: \Sigma' = \Sigma - \Sigma e_p e_p^T \Sigma / (\Sigma_{pp} + \sigma_p^2), \qquad
+          \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
+
+for a prior of standard deviation sigma_p, and for m times the experiments in a configuration q that holds the share
+s_qp of the information about p.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The dry friction of a motor or a joint, sliding and before it slides: numbers on the side of their place."""
+"""The dry friction of a motor or a joint, sliding and before it slides: numbers on the side of their place.
+
+Across a joint that slides they are in N, m and s: coulomb in N, stiffness in N/m, velocities in m/s.
+
+The viscous part of every law is the `viscous` of the motor or joint itself: it is the one that a frequency response
+above the Stribeck region sees, and has a name.
+"""
 
 from __future__ import annotations
 

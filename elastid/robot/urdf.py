@@ -1,4 +1,8 @@
-"""A robot whose rigid part is a URDF file, with springs, motors and other properties given in the study."""
+"""A robot whose rigid part is a URDF file, with springs, motors and other properties given in the study.
+
+Links become bodies, a fixed link without mass becomes a named frame. Revolute, continuous, prismatic and fixed joints
+are read, with their limits and damping; of a limit's effort, the torque on the link side.
+"""
 
 from __future__ import annotations
 

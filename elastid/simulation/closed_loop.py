@@ -1,4 +1,13 @@
-"""Plant, friction, joint controller and encoders over time: a sampled loop around a continuous robot."""
+r"""Plant, friction, joint controller and encoders over time: a sampled loop around a continuous robot.
+
+In every sample the controller reads the encoders, computes a torque and holds it until the next sample; the plant is
+integrated in between. All noise comes in as signals, drawn before: the same commands give the same motion.
+
+.. math:: (q, v, z, w, I, y)_{k+1}, u_k = F\bigl((q, v, z, w, I, y)_k, \text{references}_k, \text{noise}_k\bigr)
+
+q, v: coordinates and velocities, z: states of friction, w: of the drives, I: of the integral, y: last reading. Each
+stage of a Runge-Kutta step calls the same functions, so that the code of a robot's equations is there once.
+"""
 
 from __future__ import annotations
 

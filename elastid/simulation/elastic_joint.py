@@ -1,4 +1,10 @@
-"""One elastic joint with dry friction at its motor, alone or cut out of a robot whose other joints are held."""
+r"""One elastic joint with dry friction at its motor, alone or cut out of a robot whose other joints are held.
+
+.. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u, \qquad
+          J_l \ddot q_l = k (q_m - q_l) + d (\dot q_m - \dot q_l)
+
+on one side of the gear, with LuGre's bristles z of the motor. Torque is held between samples.
+"""
 
 from __future__ import annotations
 

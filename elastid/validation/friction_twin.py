@@ -1,4 +1,14 @@
-"""The twin of a friction study: torque of motions part by part, and a log simulated with the identified friction."""
+r"""The twin of a friction study: torque of motions part by part, and a log simulated with the identified friction.
+
+A joint that moved alone has inertia and gravity of its own; of joints that moved together the rigid body is what their
+regression took out of the log, gravity and offset with it.
+
+.. math:: M(q) \ddot q + f(q, \dot q) + \tau_f(\dot q, z) = B\, [u - (\tau_r - \hat \tau_r)]
+
+tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
+offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
+lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of RESTING_HZ on the model's torque.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Tests of residuals against the measured noise: share, whiteness, normality, each with its false alarm rate."""
+"""Tests of residuals against the measured noise: share, whiteness, normality, each with its false alarm rate.
+
+The residuals of a line are whitened by the noise with which the fit weighs, z = L^-1 vec E with C~ = L L^H, so that
+elements do not count twice where they err together. Each test gives the probability p with which chance leaves as much;
+a verdict speaks against the model where p < FALSE_ALARM.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The results of validation as values: agreements, replays, folds, and resonances of an element between its lines."""
+r"""The results of validation as values: agreements, replays, folds, and resonances of an element between its lines.
+
+.. math:: f_r = \arg\min_f |p(f)|^2, \qquad p \text{ a complex quadratic through } 1/G \text{ near a peak of } |G|
+
+1/G of a single mode is a quadratic in f, however sharp its peak between two lines; a parabola through log |G| is not.
+Antiresonances are the resonances of 1/G.
+"""
 
 from __future__ import annotations
 

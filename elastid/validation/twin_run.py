@@ -1,4 +1,14 @@
-"""The twin of a robot moved like its log: the identified model with and without friction, simulated forwards."""
+r"""The twin of a robot moved like its log: the identified model with and without friction, simulated forwards.
+
+.. math:: error_i = \sqrt{\overline{(y_i - \hat y_i)^2}} \,/\, \sqrt{\overline{(y_i - \bar y_i)^2}}
+
+over time, and by octave the same of the spectra of Hann's window. What drives the twin is one of two:
+
+`reference`: that of the robot's controller, through the same controller. Motion and torque are the twin's own.
+`torque`: that of the log. A robot under a torque alone drifts, since its motors have no springs and gravity may pull it
+further away; so a loop about the logged motion, slower than what is judged, holds the twin. The torque that this loop
+adds is what the model lacks at low frequencies, and is shown as error of the torque.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,18 @@
-"""The plan of a friction study: passes there and back, one joint at a time, and the contract of its rigs."""
+r"""The plan of a friction study: passes there and back, one joint at a time, and the contract of its rigs.
+
+A pass moves from q_a to q_b at a constant speed v and back. Between the ramps it needs the time in which the joint
+breaks away and the loop settles, and a plateau that covers a turn of the motor, whose ripple would else be taken for
+friction:
+
+.. math:: |q_b - q_a| \ge v\, (t_{ramp} + t_{settle}) + \Delta q_{turn}, \quad t_{ramp} = \tfrac{15}{8} v / a, \quad
+          t_{settle} = 3 / (2 \pi f_{bandwidth}) + \Delta q_{lag} / v
+
+A loop without integral drags the joint along by an error k_p Delta q of position, which is F_s before it slides and
+has the other sign on the way back: Delta q_lag = 2 F_s / k_p.
+
+The order of the passes is random, since a joint warms up as it moves; one reference speed comes back at intervals, and
+its drift is the warm-up.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,17 @@
-"""The movement under the multisine, the reference trajectories of a whole run, and their rehearsal."""
+r"""The movement under the multisine, the reference trajectories of a whole run, and their rehearsal.
+
+.. math:: q(t) = s(t)\, p(t), \quad s(\tau) = 10 \tau^3 - 15 \tau^4 + 6 \tau^5
+
+p: periodic movement, s: ramp from 0 to 1 and back, with continuous acceleration; a constant velocity is ramped as a
+velocity. Without sliding, friction looks like a spring to ground (LuGre's bristles); at a steady speed above the
+Stribeck region a small multisine sees viscous friction alone. A periodic carrier must have its lines outside the
+analysed ones, and below them, since friction makes harmonics of it.
+
+.. math:: u_{ff} = T^T [M(q) T \ddot q_{ref} + f(q, T \dot q_{ref})], \qquad r(t) = s(t)\, r_{period}(t \bmod T)
+
+The feed-forward torque is that of the rigid nominal robot on the reference and is an argument here; the injected torque
+is the experiment's period, repeated, under the ramp s.
+"""
 
 from __future__ import annotations
 

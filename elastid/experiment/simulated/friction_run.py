@@ -1,4 +1,11 @@
-"""One motion of a friction study on the true robot: its path, its loop, and the temperatures that friction causes."""
+r"""One motion of a friction study on the true robot: its path, its loop, and the temperatures that friction causes.
+
+.. math:: C \dot T = P - h (T - T_a), \qquad
+          T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
+
+exact over a step of constant power. Hours are not simulated sample by sample: P of a pass, or of a warm-up between its
+tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The simulated plant: the true robot as equations, alone and in its closed loop, and its linear prediction."""
+r"""The simulated plant: the true robot as equations, alone and in its closed loop, and its linear prediction.
+
+.. math:: u = [I + F H P]^{-1} r, \qquad q_m = H P u, \qquad F = k_p + k_d (1 - z^{-1}) / T_s
+
+r: injected torque, P: motor torque to motor angle, H: hold of the controller, F: its feedback. Damping by Coulomb
+friction is left out. Link side, SI.
+"""
 
 from __future__ import annotations
 

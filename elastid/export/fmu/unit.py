@@ -1,4 +1,14 @@
-"""A fitted robot as functional mock-up units for co-simulation, FMI 2.0 and 3.0, with its equations in C."""
+r"""A fitted robot as functional mock-up units for co-simulation, FMI 2.0 and 3.0, with its equations in C.
+
+The whole nonlinear robot with its friction, integrated by Runge-Kutta steps of its own, torque as input and beside it
+a sampled controller whose gains are 0 until they are set:
+
+.. math:: u_k = u_{in} + k_p (q_{ref} - q_k) + k_d (\dot q_{ref} - (q_k - q_{k-1}) / T_s) + k_i T_s \sum e
+
+The stiffnesses, masses and friction numbers are tunable by their names; all torques and angles are on the link side.
+Encoders and drives are ideal, and the delay of the measurement is left out. The sources are inside, so that a unit can
+be built for any system; a library for this one is inside where a C compiler was found.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them.
+r"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them.
 
 The weights of the residuals of a line are a triangle: R of the weighted residuals q - R g of its elements g. `Full`
 works with NumPy; `Packed` with loops in C (`base/kernels/line_loops.c`) where the kernels are built: whitening and sums
@@ -8,6 +8,16 @@ where elements count one by one.
 For the loops in C lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the
 processor takes several at once. R (batches, n_r, 2, BATCH) has its rows one below the other, each from its diagonal on;
 of diagonal weights it has the diagonal alone. Lines that fill up the last batch are zero.
+
+The elements G_ij and G_ji of a symmetric response are one number g, so that the weighted residuals of a line,
+L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, found once for each line, the square
+
+.. math:: |L^{-1} \hat G|^2 - |q|^2 + |q - R g|^2, \qquad q = Q^H L^{-1} \hat G
+
+and 21 residuals instead of 36 for six motors. The logarithm has the same R, and q of its own at every g.
+
+The residuals are compressed (`compressed_residuals`), and their derivatives are few columns times powers of j omega
+(`Columns`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,20 @@
-"""G, its covariances, coherences and levels at every line from the local fits."""
+r"""G, its covariances, coherences and levels at every line from the local fits.
+
+Closed loop, with N = [I, -G]:
+
+.. math:: G = B_y B_u^{-1}, \qquad dG = N\, dB\, B_u^{-1}
+
+With S_uu the mean power of the inputs in the window of a line, G its response and C_V the covariance of its residual,
+
+.. math:: S_{yu} = G S_{uu}, \quad S_{yy} = G S_{uu} G^H + C_V, \quad
+          \gamma_i^2 = 1 - \frac{C_{V,ii}}{S_{y_i y_i}}, \quad
+          \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}
+
+No transient is in them, and a resonance has the coherence of its line, not the mean over the window.  The estimate of
+G has the power of its own variance, cov(vec G) = left (x) C_V, which is subtracted: without, noise alone would have a
+coherence of unknowns over equations.  In closed loop inputs and outputs are what the reference drives: S_uu = B_u
+S_rr B_u^H.
+"""
 
 from __future__ import annotations
 

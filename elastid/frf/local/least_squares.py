@@ -1,4 +1,16 @@
-"""Local least squares at every line: a low-order rational model of response and transient in a window of bins."""
+r"""Local least squares at every line: a low-order rational model of response and transient in a window of bins.
+
+.. math:: A_k(r) Z_e(k + r) = B_k(r) R_e(k + r) + T_{k,e}(r) + A_k(r) V_e(k + r), \quad A_k(0) = 1
+
+B, T are polynomials in the offset r, T of each experiment e its own; A is a scalar polynomial that all outputs and
+experiments share, as they share the poles (A = 1: the local polynomial method). Response and transient at the line are
+B_k(0) and T_k(0). Rows are divided by |A| of the iteration before (Sanathanan and Koerner), so that their noise is V
+again: the estimate is free of the bias of the plain linear problem, and its residual is the noise, not A times it.
+(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010; McKelvey and Guerin, SYSID 2012, for the rational form.)
+
+They are the n_w available bins nearest by count, centred where they can be and one-sided at the ends of the band.
+Offsets are in units of the furthest bin, so that powers of them are of one size and the regression well conditioned.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,27 @@
-"""The local regression at every line and its transient; repeats of one excitation as one experiment."""
+r"""The local regression at every line and its transient; repeats of one excitation as one experiment.
+
+The DFT of P whole periods has the excited lines at every P-th bin; the bins between hold transient and noise alone.
+(In one period of a half-wave record the even bins do, where even nonlinear distortion then counts as noise.)
+
+.. math:: Z(k) = G_{zr}(k) R(k) + T(k) + V(k), \quad A_k(r) T(k + r) = T_k(r)
+
+T has the poles of the system and no others: near a bin a rational function of low order whatever the damping, where a
+polynomial fails as soon as a mode is narrower than a window. All signals of a record share A. So no period is lost,
+and a drift (a position that gains from end to end) is part of T.
+(Transient removal of the robust method, Pintelon and Schoukens, 2nd ed., section 7.3, with a rational T.)
+
+Of records whose inputs are proportional, R_e = c_e R, every combination with sum c_e a_e = 0 has no input: it
+determines a transient of its own and nothing else.  The one combination with all of the input,
+
+.. math:: \bar Z = \frac{\sum_e P_e c_e Z_e}{\sum_e P_e c_e^2}, \quad
+          C_{\bar Z} = \frac{\sum_e P_e^2 c_e^2 C_{Z,e}}{(\sum_e P_e c_e^2)^2}
+
+has the noise of a mean of sum P_e c_e^2 periods and one transient, smooth as theirs.  So windows are as wide as for a
+single experiment, and their residual holds the errors of the local model, which repeats would hide.
+
+A repeat that starts a little later has R_e = exp(-j omega tau) R, which no common gain describes, but within a window
+it is as dependent.  Such records stay apart, and do not count where windows are sized.
+"""
 
 from __future__ import annotations
 

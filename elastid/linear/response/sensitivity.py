@@ -1,4 +1,7 @@
-"""Derivatives of Z = K + s D + s^2 M as terms of rank one, and of a response on a block of lines by their factors."""
+r"""Derivatives of Z = K + s D + s^2 M as terms of rank one, and of a response on a block of lines by their factors.
+
+.. math:: \partial Z / \partial \theta_p = \sum_t s^{k_t} \sigma_t\, y_t y_t^T
+"""
 
 from __future__ import annotations
 

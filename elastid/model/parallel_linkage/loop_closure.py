@@ -1,4 +1,22 @@
-"""Loop closure: constraints of each loop, dependent coordinates by pivots of Phi, and rods as energies."""
+r"""Loop closure: constraints of each loop, dependent coordinates by pivots of Phi, and rods as energies.
+
+.. math:: \varphi_{point} = p_2 - p_1, \qquad
+          \varphi_{rod} = \frac{|p_2 - p_1|^2 - (L + s)^2}{2 L}
+
+with s the rod's elongation. Points are seen from the last frame that carries both ends, so that a row holds the joints
+of its loop and no others. Rods stand between points in space: the loop follows elasticity out of its plane, and neither
+the rod's angles nor their redundant constraints exist.
+
+.. math:: T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 \frac{I}{L^2} |\dot p_2 - \dot p_1|^2, \qquad
+          V = \tfrac12 k s^2, \quad R = \tfrac12 d \dot s^2
+
+exact for a rigid rod without spin. An elastic rod stretches evenly, so that its centre of mass stays at the part a; its
+elongation s is a coordinate (`stretching`) or, the rod cut, |p_2 - p_1| - L (`cut`).
+
+.. math:: \Phi\, \dot q = 0 \iff \dot q = Z \dot y, \qquad \Phi Z = 0
+
+Constraints may be redundant (a planar loop closed in space): redundant rows have no pivot.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault."""
+"""The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault.
+
+A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
+the entry point group `elastid.readers`.  `guarded` has a reader work in a process of its own.
+"""
 
 from __future__ import annotations
 

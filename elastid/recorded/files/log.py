@@ -1,4 +1,9 @@
-"""A log file of another program: its signals by the names that they have in it; extras that read single formats."""
+"""A log file of another program: its signals by the names that they have in it; extras that read single formats.
+
+Every reader gives a `Log`.  Readers of formats that hold named arrays give an `ArrayLog`: names of members of structs
+are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torque`, of cells `run{2}`, HDF5 paths
+`axis1/torque`.
+"""
 
 from __future__ import annotations
 

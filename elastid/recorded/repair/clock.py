@@ -1,4 +1,17 @@
-"""The clock of a log: uneven sample times, a clock that differs from the generator's, delay between two logs."""
+r"""The clock of a log: uneven sample times, a clock that differs from the generator's, delay between two logs.
+
+Consecutive periods are then shifted by e = T - N samples, which their mean cross-spectrum C shows,
+
+.. math:: \hat e = \arg\max_e\, \mathrm{Re} \sum_k C_k e^{2 \pi j k e / N}, \quad C_k = \sum_p X_{p+1} X_p^*
+
+and the log is resampled at multiples of T / N: the generator's clock is taken as right.
+
+Interpolation is by a sinc in a Kaiser window of half width W samples (Kaiser and Schafer, IEEE Trans. ASSP 28, 1980),
+
+    x(t) = sum_n x(n) b sinc(b (t - n)) I_0(beta sqrt(1 - (b (t - n) / W)^2)) / I_0(beta)
+
+with b = 1, or the ratio of the rates where the new one is lower.
+"""
 
 from __future__ import annotations
 

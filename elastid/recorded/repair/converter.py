@@ -1,4 +1,10 @@
-"""Limits and steps of a converter: clipping at the highest or lowest value, and quantisation with its noise."""
+r"""Limits and steps of a converter: clipping at the highest or lowest value, and quantisation with its noise.
+
+.. math:: \sigma_q = q / \sqrt{12}
+
+Where other noise is below half a step the error repeats with the signal, so that the scatter from period to period
+does not show it (Widrow and Kollar, Quantization Noise, 2008).
+"""
 
 from __future__ import annotations
 

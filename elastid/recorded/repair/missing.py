@@ -4,6 +4,9 @@ From a lost or doubled sample on every period is shifted by whole samples.  The 
 the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
 taken out, so that all periods are in step again.  Missing samples are filled from the same phase of other repetitions,
 or interpolated without a period.
+
+Gaps of a sample or two are filled by the cubic through the samples beside them; a longer gap is refused with the
+longest piece of the log that has none.
 """
 
 from __future__ import annotations

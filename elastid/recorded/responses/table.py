@@ -2,6 +2,8 @@
 
 A struct has the fields of an idfrd object: ResponseData (n_y, n_u, F), Frequency and FrequencyUnit (or Units), and
 optionally CovarianceData (n_y, n_u, F, 2, 2) of real and imaginary part, InputName and OutputName.
+
+G = real + j imaginary,   or   G = magnitude exp(j phase),   dB -> 10^(dB / 20)
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Modes of the identified model: shapes as bars, and sketches of the robot at both ends of its swing."""
+"""Modes of the identified model: shapes as bars, and sketches of the robot at both ends of its swing.
+
+All panels are on one canvas in inches, to one scale: axes of their own would take most of the time of a report.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The response matrix of one configuration: magnitude, phase and singular values, with its model where there is one."""
+"""The response matrix of one configuration: magnitude, phase and singular values, with its model where there is one.
+
+Axes of their own would take most of the time of a report: a response of six motors has 36 panels.
+"""
 
 from __future__ import annotations
 
