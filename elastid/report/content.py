@@ -14,6 +14,7 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
+from elastid.frf.peaks import Peak
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.result import FrictionTakenOut
@@ -70,6 +71,36 @@ class ReportContent:
         """Those of the fit, then those of the measured responses; the same from many places once, with a count."""
         notes = (note for measured, _ in self.frf for note in measured.notes)
         return grouped((*self.result.notes, *notes))
+
+
+@dataclass(frozen=True)
+class ResponsesContent:
+    """Measured responses and the peaks of each, with the text of the study and the provenance that the page shows.
+
+    friction: what was taken out of the responses.
+    """
+
+    title: str
+    responses: tuple[FrequencyResponse, ...]
+    peaks: tuple[tuple[Peak, ...], ...]
+    study_text: str
+    provenance: Mapping[str, str]
+    friction: FrictionTakenOut | None = None
+
+    @property
+    def notes(self) -> tuple[NoteGroup, ...]:
+        """Those of the responses; the same from many places once, with a count."""
+        return grouped(note for response in self.responses for note in response.notes)
+
+    @property
+    def repairs(self) -> dict[str, dict[str, int]]:
+        """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
+        return {r.configuration.name: dict(r.repairs) for r in self.responses if r.repairs}
+
+    @property
+    def rate_is_known(self) -> bool:
+        """Whether frequencies are in Hz, not in units of the sampling rate."""
+        return all(response.rate_is_known for response in self.responses)
 
 
 # Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.

@@ -159,7 +159,11 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 
 def number_cells(each: FrictionNumber) -> tuple[str, ...]:
     """One identified number as texts under NUMBER_HEADINGS."""
-    places = digits(each.value, each.std)
-    interval = " … ".join(interval_of((each.low, each.high), places))
-    value, std = number(each.value, places), number(each.std, 2)
-    return each.name, each.symbol, value, std, interval, each.unit, each.learnt_from
+    cells = value_cells(each.value, each.std, (each.low, each.high))
+    return each.name, each.symbol, *cells, each.unit, each.learnt_from
+
+
+def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """A value, its standard deviation and its 95 % interval as texts with the digits that are known."""
+    places = digits(value, std)
+    return number(value, places), number(std, 2), " … ".join(interval_of(interval, places))

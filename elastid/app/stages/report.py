@@ -19,9 +19,8 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.peaks import peaks
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
-from elastid.report.content import ReportContent, dense_models
-from elastid.report.page.page import FigureFormat, write_report
-from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
+from elastid.report.content import ReportContent, ResponsesContent, dense_models
+from elastid.report.page.page import FigureFormat, write_page_of_responses, write_report
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store import (

@@ -35,8 +35,15 @@ from elastid.report.figures.friction_presliding import friction_at_rest, frictio
 from elastid.report.figures.modes import mode_shapes, mode_sketches
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
-from elastid.report.figures.twin import RUN_CAPTION, TORQUE_CAPTION, torque_balance_figure, twin_run_figure
-from elastid.report.figures.validation import left_out_errors, model_errors, replay_signals
+from elastid.report.figures.validation import (
+    RUN_CAPTION,
+    TORQUE_CAPTION,
+    left_out_errors,
+    model_errors,
+    replay_signals,
+    torque_balance_figure,
+    twin_run_figure,
+)
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot

@@ -12,38 +12,28 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.presliding import Elements, Loops, Presliding
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import Z_95, units
-
-# Thresholds of a spectrum that take less of the break-away torque are not drawn.
-MIN_SHARE = 1e-4
+from elastid.report.figures.friction_curve import units
 
 
 def friction_loops(loops: Loops, found: Presliding, slides: bool = False) -> Figure:
     """Torque over displacement, measured and replayed; torque of each threshold; errors by number of elements."""
     options = {"width_ratios": (1.5, 1.1, 0.9)}
-    figure, ((loop, spectrum, errors),) = style.panels(
-        1, 3, (style.WIDE, 4.1), (0.75, 0.25, 1.05, 0.55), (0.3, 0.0), **options
-    )
+    margins = 0.75, 0.25, 1.05, 0.55
+    figure, (panels,) = style.panels(1, 3, (style.WIDE, 4.1), margins, (0.3, 0.0), **options)
+    loop, spectrum, errors = panels
     torque, length = ("N", "mm") if slides else ("N·m", "mrad")
     _draw_loops(loop, loops, found)
     style.label(loop, f"displacement in {length}", f"{'force' if slides else 'torque'} in {torque}", "loops")
     few = len(found.few.stiffness)
-    for elements, color, size, name in (
-        (found.spectrum, style.MEASURED, 3.0, f"spectrum of {len(found.spectrum.stiffness)} thresholds"),
-        (found.few, style.FITTED, 5.0, f"{few} element{'s' if few > 1 else ''}"),
-    ):
-        _draw_spectrum(spectrum, elements, color, size, name)
-    spectrum.set_xscale("log")
+    name = f"spectrum of {len(found.spectrum.stiffness)} thresholds"
+    _draw_spectrum(spectrum, found.spectrum, style.MEASURED, 3.0, name)
+    _draw_spectrum(spectrum, found.few, style.FITTED, 5.0, f"{few} element{'s' if few > 1 else ''}")
     spectrum.set_ylim(bottom=0)
-    ends = 1e3 * found.spectrum.threshold[[0, -1]]
-    style.set_log_frequency(spectrum, ends, 5)
+    style.set_log_frequency(spectrum, 1e3 * found.spectrum.threshold[[0, -1]], 5)
     style.label(spectrum, f"threshold D in {length}", f"k D in {torque}", "spectrum")
     _draw_errors(errors, found)
-    for axes in (loop, spectrum, errors):
-        style.lighten(axes)
     break_away = f"{found.spectrum.break_away:.3g} {torque}"
-    style.add_title(figure, f"{loops.place}: presliding, elements of {break_away} in all")
-    style.add_legend(figure, (loop, spectrum, errors))
+    style.finish(figure, f"{loops.place}: presliding, elements of {break_away} in all", panels, panels)
     return figure
 
 
@@ -57,10 +47,10 @@ def _draw_loops(axes: Axes, loops: Loops, found: Presliding) -> None:
 
 def _draw_spectrum(axes: Axes, elements: Elements, color: str, size: float, name: str) -> None:
     shares = elements.stiffness * elements.threshold
-    used = shares > MIN_SHARE * elements.break_away
+    used = shares > 1e-4 * elements.break_away
     x = 1e3 * elements.threshold[used]
     axes.vlines(x, 0, shares[used], color=color, lw=1.0)
-    axes.plot(x, shares[used], ls="none", marker="o", ms=size, mew=0, color=color, label=name)
+    axes.plot(x, shares[used], **style.DOTS, ms=size, color=color, label=name)
 
 
 def _draw_errors(axes: Axes, found: Presliding) -> None:
@@ -68,9 +58,8 @@ def _draw_errors(axes: Axes, found: Presliding) -> None:
     scale = 100 / found.spectrum.break_away
     few = len(found.few.stiffness)
     counts = np.arange(1, len(found.errors) + 1) if len(found.errors) > 1 else np.array([few])
-    axes.plot(
-        counts, scale * found.errors, color=style.NOISE, marker="o", ms=3.5, lw=0.8, label="error of unseen parts"
-    )
+    text = "error of unseen parts"
+    axes.plot(counts, scale * found.errors, color=style.NOISE, marker="o", ms=3.5, lw=0.8, label=text)
     chosen = found.errors[np.flatnonzero(counts == few)]
     axes.plot([few], scale * chosen, ls="none", marker="o", ms=7, mfc="none", color=style.FITTED)
     axes.axhline(scale * found.spectrum_error, color=style.MEASURED, lw=0.8, ls="--", label="of the spectrum")
@@ -81,7 +70,8 @@ def _draw_errors(axes: Axes, found: Presliding) -> None:
 
 def friction_at_rest(place: str, found: AtRest, slides: bool = False) -> Figure:
     """sigma_0 and sigma_1 with 95 % intervals, at each amplitude and extrapolated to none."""
-    figure, ((spring, damper),) = style.panels(1, 2, (style.WIDE, 3.9), (0.9, 0.25, 0.85, 0.55), (0.28, 0.0))
+    figure, (panels,) = style.panels(1, 2, (style.WIDE, 3.9), (0.9, 0.25, 0.85, 0.55), (0.28, 0.0))
+    spring, damper = panels
     torque = units(slides)[1]
     amplitude = np.array([point.torque for point in found.points])
     std = np.sqrt(np.diag(found.covariance))
@@ -94,18 +84,18 @@ def friction_at_rest(place: str, found: AtRest, slides: bool = False) -> Figure:
     style.label(spring, f"amplitude in {torque}", f"stiffness σ₀ in {unit}")
     style.label(damper, f"amplitude in {torque}", f"damping σ₁ in {unit.replace('/', '·s/')}")
     words = ", falling with the logarithm of the amplitude as of Maxwell slip" if found.falls else ""
-    style.add_title(figure, f"{place}: bristles at rest{words}")
-    style.add_legend(figure, (spring, damper))
+    style.finish(figure, f"{place}: bristles at rest{words}", panels, panels)
     return figure
 
 
 def _draw(axes: Axes, amplitude: FloatArray, values: FloatArray, std: FloatArray, limit: tuple[float, float]) -> None:
     """One number over amplitude; limit: at amplitude 0, and its std."""
-    looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 4, "mew": 0, "elinewidth": 1, "capsize": 3}
+    looks: dict[str, Any] = {"ms": 4, "elinewidth": 1, "capsize": 3}
     order = np.argsort(amplitude)
     x, y = np.append(0.0, amplitude[order]), np.append(limit[0], values[order])
     axes.plot(x, y, color=style.WEAK, lw=0.9, ls="--", zorder=1)
-    axes.errorbar(amplitude, values, Z_95 * std, **looks, color=style.MEASURED, label="measured")
-    axes.errorbar([0.0], limit[:1], Z_95 * limit[1], **looks, color=style.FITTED, label="extrapolated")
+    style.plot_intervals(axes, amplitude, values, std, **looks, color=style.MEASURED, label="measured")
+    style.plot_intervals(
+        axes, np.zeros(1), *np.array(limit)[:, None], **looks, color=style.FITTED, label="extrapolated"
+    )
     axes.margins(x=0.06)
-    style.lighten(axes)

@@ -103,8 +103,8 @@ def test_a_motion_shows_friction_without_inertia() -> None:
 
 def test_directions_that_differ_have_the_symmetric_regression_beside_them() -> None:
     one = replace(study.motion(), are_apart=True)
-    assert "both directions alike" in lines_of(friction_motion(one).axes[0])
-    assert "both directions alike" not in lines_of(friction_motion(study.motion()).axes[0])
+    assert "the same in both directions" in lines_of(friction_motion(one).axes[0])
+    assert "the same in both directions" not in lines_of(friction_motion(study.motion()).axes[0])
 
 
 def test_loops_are_replayed_and_the_spectrum_is_in_torque() -> None:
