@@ -99,7 +99,7 @@ class ResponsesContent:
 
     @property
     def rate_is_known(self) -> bool:
-        """Whether frequencies are in Hz, not in units of the sampling rate."""
+        """True where frequencies are in Hz, not in units of the sampling rate."""
         return all(response.rate_is_known for response in self.responses)
 
 
@@ -125,13 +125,13 @@ def model_lines(
     every = np.unique(np.concatenate([between, *about]))
     further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
     room = min(max(most - len(freq_hz), 0), len(further))
-    kept = np.linspace(0, len(further) - 1, room).astype(int)
-    return np.union1d(freq_hz, further[kept])
+    thinned = np.linspace(0, len(further) - 1, room).astype(int)
+    return np.union1d(freq_hz, further[thinned])
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArray], ...]:
     """Of each measured configuration the model on `model_lines` and its standard deviation (L, n_y, n_u)."""
-    result, found = fitted.result, []
+    result, models = fitted.result, []
     modes = fitted.uncertain_modes
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
     for linear, differentiated, measured, mode in zip(
@@ -141,8 +141,8 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArr
         theta = fitted.theta_of(linear.configuration.name)
         response = replace(to_response(linear, theta, lines), rate_is_known=measured.rate_is_known)
         std = response_deviation(differentiated, lines, result.parameters, result.x, result.covariance)[1]
-        found.append((response, std))
-    return tuple(found)
+        models.append((response, std))
+    return tuple(models)
 
 
 @dataclass(frozen=True)

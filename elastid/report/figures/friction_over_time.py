@@ -24,37 +24,39 @@ NAMES = {
 }
 
 
-def friction_filter(found: FollowedFriction) -> Figure:
+def friction_filter(followed: FollowedFriction) -> Figure:
     """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
-    rows = len(found.names) + 2
-    ratios = (*(1.3 for _ in found.names), 0.9, 1.0)
+    rows = len(followed.names) + 2
+    ratios = (*(1.3 for _ in followed.names), 0.9, 1.0)
     figure, panels = style.column(1.6 * rows, ratios, 0.42, sharex=False)
-    time, unit = (found.time_s, "s") if found.time_s[-1] <= 300 else (found.time_s / 60, "min")
-    for i, name in enumerate(found.names):
-        _draw_number(panels[i], found, i, time)
-        style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, found.slides)}")
+    time, unit = (followed.time_s, "s") if followed.time_s[-1] <= 300 else (followed.time_s / 60, "min")
+    for i, name in enumerate(followed.names):
+        _draw_number(panels[i], followed, i, time)
+        style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")
     nis, correlation = panels[-2:]
-    nis.plot(time, found.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
+    nis.plot(time, followed.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
     nis.axhspan(*NIS_BAND, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
     nis.set_yscale("log")
     style.label(nis, f"time in {unit}", "NIS")
-    rho = found.consistency.autocorrelation
+    rho = followed.consistency.autocorrelation
     correlation.stem(np.arange(1, len(rho)), rho[1:], linefmt="-", markerfmt=".", basefmt=" ")
-    reach = QUANTILE_95 / np.sqrt(max(found.consistency.n_eff, 1.0))
+    reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
     correlation.axhspan(-reach, reach, color=style.FITTED, alpha=0.15, lw=0)
     style.label(correlation, "lag in samples", "autocorrelation")
-    title = f"joint {found.joint}: friction followed, mean NIS {found.consistency.nis:.2f}"
+    title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
     style.finish(figure, title, panels, panels, 0.01)
     return figure
 
 
-def _draw_number(axes: Axes, found: FollowedFriction, i: int, time: np.ndarray) -> None:
-    """The band, the estimate, and where the motion tells nothing."""
-    axes.fill_between(time, found.low[:, i], found.high[:, i], color=style.FITTED, alpha=0.2, lw=0, label="95 % band")
-    axes.plot(time, found.values[:, i], color=style.FITTED, lw=1.2, label="followed")
-    held = np.where(found.unknown[:, i], found.values[:, i], np.nan)
+def _draw_number(axes: Axes, followed: FollowedFriction, i: int, time: np.ndarray) -> None:
+    """The band, the estimate, and where the motion does not inform it."""
+    axes.fill_between(
+        time, followed.low[:, i], followed.high[:, i], color=style.FITTED, alpha=0.2, lw=0, label="95 % band"
+    )
+    axes.plot(time, followed.values[:, i], color=style.FITTED, lw=1.2, label="followed")
+    held = np.where(followed.unknown[:, i], followed.values[:, i], np.nan)
     if np.isfinite(held).any():
-        axes.plot(time, held, color=style.WEAK, lw=2.0, label="held: the motion tells nothing of it")
+        axes.plot(time, held, color=style.WEAK, lw=2.0, label="held: not observable in this motion")
 
 
 def _unit(name: str, slides: bool) -> str:

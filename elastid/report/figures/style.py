@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib import rc_context, rcdefaults
@@ -42,8 +42,6 @@ WIDE = 9.5
 DOTS: dict[str, Any] = {"ls": "none", "marker": "o", "mew": 0}
 # A heat map of more cells has no numbers in them; above this part of its scale a cell is dark.
 MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
-# A response of more lines has smaller points.
-MAX_LARGE_POINTS = 300
 
 
 @contextmanager
@@ -126,8 +124,8 @@ def add_title(figure: Figure, title: str) -> None:
 def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -> None:
     """One legend for all axes, each label once, below the title."""
     entries: dict[str, Artist] = {}
-    for one in axes:
-        handles, labels = one.get_legend_handles_labels()
+    for panel in axes:
+        handles, labels = panel.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
     width, height = figure.get_size_inches()
     figure.legend(
@@ -149,10 +147,13 @@ def column(height: float, ratios: Sequence[float], space: float, sharex: bool = 
     return figure, axes[:, 0].tolist()
 
 
-def plot_curves(axes: Axes, x: FloatArray, *curves: tuple[FloatArray, str, float, str]) -> None:
-    """Curves over one x: values, color, width in points and label of each."""
+Curve: TypeAlias = tuple[FloatArray, str, float, str]
+
+
+def plot_curves(axes: Axes, x: FloatArray, *curves: Curve, part: slice = slice(None)) -> None:
+    """Curves over a part of one x: values, color, width in points and label of each."""
     for values, color, width, text in curves:
-        axes.plot(x, values, color=color, lw=width, label=text)
+        axes.plot(x[part], values[part], color=color, lw=width, label=text)
 
 
 def plot_intervals(axes: Axes, x: FloatArray, y: FloatArray, std: FloatArray, **looks: Any) -> None:
@@ -171,10 +172,10 @@ def finish(
     figure: Figure, title: str, axes: Iterable[Axes], legend: Iterable[Axes], margin: float | None = None
 ) -> None:
     """Thin grids, the title, and one legend for all axes of `legend`; margin: on either side of the x axes' data."""
-    for one in axes:
-        lighten(one)
+    for panel in axes:
+        lighten(panel)
         if margin is not None:
-            one.margins(x=margin)
+            panel.margins(x=margin)
     add_title(figure, title)
     add_legend(figure, legend)
 
@@ -214,7 +215,7 @@ def plot_points(
     axes: Axes, x: FloatArray, values: FloatArray, above: BoolArray, shown: BoolArray | None = None
 ) -> None:
     """Measured values (F, ...) at x as points, grey where they are not above 2 sigma; of those that are `shown`."""
-    size = 2.4 if len(x) <= MAX_LARGE_POINTS else 1.6
+    size = 2.4 if len(x) <= 300 else 1.6
     looks = DOTS | {"ms": size, "zorder": 2}
     shown = np.ones(above.shape, bool) if shown is None else shown
     axes.plot(x[above & shown], values[above & shown], **looks, color=MEASURED, label="measured")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.page.page import render, write_page
+from elastid.report.page.page import FigureFormat, render, write_page
 from elastid.validation.fleet import Finding, FleetValue
 
 
@@ -91,7 +91,8 @@ class FleetContent:
 def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
     """folder/fleet.html and folder/figures/*.png; the path of the page."""
     page = partial(render, "fleet.html.j2", content)
-    return write_page(content.title, page, _drawings(content), (), folder, ("png",), name="fleet.html")
+    formats: tuple[FigureFormat, ...] = ("png",)
+    return write_page(content.title, page, _drawings(content), (), folder, formats, name="fleet.html")
 
 
 def _drawings(content: FleetContent) -> Iterator[Drawing]:
