@@ -242,7 +242,9 @@ def friction_study_drawings(
     for file, joint in zip(files, result.joints, strict=True):
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]
         explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
-        torques = [("torque", TORQUE_CAPTION, partial(torque_balance_figure, balance)) for balance in explained]
+        torques: list[Named] = [
+            ("torque", TORQUE_CAPTION, partial(torque_balance_figure, balance)) for balance in explained
+        ]
         for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
