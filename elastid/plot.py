@@ -20,15 +20,12 @@ from elastid.response import FrequencyResponse, in_quantity
 
 __all__ = ["bode", "friction_curve", "parameters"]
 
-# Lines on which a model is drawn, beside those that were measured.
-N_LINES = 1000
-
 
 @own_style()
 def bode(
     measured: FrequencyResponse, model: FittedModel | FrequencyResponse | None = None, *, band: bool = True
 ) -> Figure:
-    """Magnitude and phase of a measured response beside a model, element by element.
+    """Magnitude and phase of a measured response and a model, element by element.
 
     model: a fitted model is drawn on lines of its own, dense enough for its resonances, with a band of two standard
     deviations unless `band` is False; a response on the lines that it has.
@@ -44,11 +41,11 @@ def bode(
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
             f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
         )
-    one, other = measured.configuration, modelled.configuration
-    if isinstance(model, FittedModel) and not np.array_equal(one.angles, other.angles):
+    own, other = measured.configuration, modelled.configuration
+    if isinstance(model, FittedModel) and not np.array_equal(own.angles, other.angles):
         raise ValueError(
-            f"the model is of configuration {other.name}, the measured response of {one.name}, at other angles; take "
-            f"result.model('{one.name}')"
+            f"the model is of configuration {other.name}, the measured response of {own.name}, at other angles; take "
+            f"result.model('{own.name}')"
         )
     return responses.bode(measured, in_quantity(modelled, measured.quantity), std)
 
@@ -69,12 +66,12 @@ def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> F
 def friction_curve(result: FrictionResult, joint: str) -> Figure:
     """Levels and law of friction of one joint over speed, with the 95 % band.
 
-    UnknownNameError for a joint that was not identified; ValueError where its data tell no law.
+    UnknownNameError for a joint that was not identified; ValueError where its data identify no law.
     """
     check_kind(result, FrictionResult, "result", "identify_friction and read_friction_result make one")
     law = result.at(joint).static
     if law is None:
-        raise ValueError(f"the data tell no law of friction over speed of joint {joint}: {result.message}")
+        raise ValueError(f"the data identify no law of friction over speed of joint {joint}: {result.message}")
     return curve_figure(law)
 
 
@@ -88,6 +85,6 @@ def _on_dense_lines(
 ) -> tuple[FrequencyResponse, np.ndarray | None]:
     """Response of a model, and its standard deviation, on the measured lines and many between them."""
     low, high = measured.freq_hz[[0, -1]]
-    lines = np.union1d(measured.freq_hz, np.geomspace(low, high, N_LINES))
+    lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))
     same = model.linear.quantity == measured.quantity
     return model.response(lines), model.response_std(lines) if band and same else None

@@ -14,6 +14,7 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
+from elastid.frf.peaks import Peak
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.result import FrictionTakenOut
@@ -72,6 +73,36 @@ class ReportContent:
         return grouped((*self.result.notes, *notes))
 
 
+@dataclass(frozen=True)
+class ResponsesContent:
+    """Measured responses and the peaks of each, with the text of the study and the provenance that the page shows.
+
+    friction: what was taken out of the responses.
+    """
+
+    title: str
+    responses: tuple[FrequencyResponse, ...]
+    peaks: tuple[tuple[Peak, ...], ...]
+    study_text: str
+    provenance: Mapping[str, str]
+    friction: FrictionTakenOut | None = None
+
+    @property
+    def notes(self) -> tuple[NoteGroup, ...]:
+        """Those of the responses; the same from many places once, with a count."""
+        return grouped(note for response in self.responses for note in response.notes)
+
+    @property
+    def repairs(self) -> dict[str, dict[str, int]]:
+        """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
+        return {r.configuration.name: dict(r.repairs) for r in self.responses if r.repairs}
+
+    @property
+    def rate_is_known(self) -> bool:
+        """True where frequencies are in Hz, not in units of the sampling rate."""
+        return all(response.rate_is_known for response in self.responses)
+
+
 # Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.
 N_OVERALL, N_RESONANCE, HALF_WIDTHS = 200, 17, 4.0
 # Of all elements in all configurations together: with them a page of 20 configurations of six axes stays below 10 MB.
@@ -94,13 +125,13 @@ def model_lines(
     every = np.unique(np.concatenate([between, *about]))
     further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
     room = min(max(most - len(freq_hz), 0), len(further))
-    kept = np.linspace(0, len(further) - 1, room).astype(int)
-    return np.union1d(freq_hz, further[kept])
+    thinned = np.linspace(0, len(further) - 1, room).astype(int)
+    return np.union1d(freq_hz, further[thinned])
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArray], ...]:
     """Of each measured configuration the model on `model_lines` and its standard deviation (L, n_y, n_u)."""
-    result, found = fitted.result, []
+    result, models = fitted.result, []
     modes = fitted.uncertain_modes
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
     for linear, differentiated, measured, mode in zip(
@@ -110,8 +141,8 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArr
         theta = fitted.theta_of(linear.configuration.name)
         response = replace(to_response(linear, theta, lines), rate_is_known=measured.rate_is_known)
         std = response_deviation(differentiated, lines, result.parameters, result.x, result.covariance)[1]
-        found.append((response, std))
-    return tuple(found)
+        models.append((response, std))
+    return tuple(models)
 
 
 @dataclass(frozen=True)

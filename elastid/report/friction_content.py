@@ -38,7 +38,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class FrictionContent:
-    """What a friction study found, its text and its provenance; the page has no date and is reproducible.
+    """Results of a friction study, its text and its provenance; the page has no date and is reproducible.
 
     plan: of the passes, where they were planned here.  filters: of the joints that were followed.  twin: the
     torque of motions part by part, and the model simulated along them.
@@ -56,7 +56,7 @@ class FrictionContent:
     def notes(self) -> tuple[NoteGroup, ...]:
         """Of the study and of every joint; the same from many places once, with a count."""
         of_joints = (note for joint in self.result.joints for note in joint.notes)
-        of_filters = (note for found in self.filters for note in found.notes)
+        of_filters = (note for followed in self.filters for note in followed.notes)
         return grouped((*self.result.notes, *of_joints, *of_filters))
 
     @property
@@ -64,24 +64,24 @@ class FrictionContent:
         """A sentence for each joint, on what is not identifiable, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]
         sentences += [words] if (words := _not_identified(self.result)) else []
-        known = [each for each in self.result.numbers if each.truth is not None]
+        known = [number for number in self.result.numbers if number.truth is not None]
         if known:
-            held = sum(each.low <= each.truth <= each.high for each in known if each.truth is not None)
+            held = sum(number.low <= number.truth <= number.high for number in known if number.truth is not None)
             sentences.append(f"Of {len(known)} true values {held} lie within their 95 % intervals.")
         return tuple(sentences)
 
 
 def answer(joint: JointFriction) -> str:
-    """What was found of a joint, the numbers first, in one sentence."""
-    symbols = {each.symbol for each in joint.numbers}
+    """The identified numbers of a joint in one sentence."""
+    symbols = {identified.symbol for identified in joint.numbers}
     wanted = [
         s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
     ]
-    said = [each for symbol in wanted for each in joint.numbers if each.symbol == symbol]
-    if not said:
+    first = [identified for symbol in wanted for identified in joint.numbers if identified.symbol == symbol]
+    if not first:
         return f"Joint {joint.joint}: no friction could be identified."
-    numbers = ", ".join(f"{each.symbol} = {with_interval(each)}" for each in said)
-    further = len(joint.numbers) - len(said)
+    numbers = ", ".join(f"{identified.symbol} = {with_interval(identified)}" for identified in first)
+    further = len(joint.numbers) - len(first)
     more = f", and {further} further number{'s' if further > 1 else ''}" if further else ""
     return f"Joint {joint.joint}: {numbers}{more}."
 
@@ -97,7 +97,7 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
 
 
 def _not_identified(result: FrictionResult) -> str:
-    """Parts that the data do not tell, with their joints where these are not all; empty where there are none."""
+    """Parts that the data do not identify, with their joints where these are not all; empty without such parts."""
     joints: dict[str, tuple[str, ...]] = {}
     for refusal in refusals(result):
         if not refusal.reason.startswith((NOT_ASKED, ABSENT)):
@@ -114,19 +114,23 @@ def part_words(held: Held) -> str:
     return PARTS.get(held.part, held.part)
 
 
-def with_interval(each: FrictionNumber) -> str:
+def with_interval(identified: FrictionNumber) -> str:
     """Value and half of its 95 % interval with the unit: `9.71 ± 0.02 N*m`."""
-    half = (each.high - each.low) / 2
-    return f"{number(each.value, digits(each.value, half))} ± {number(half, 2)} {each.unit}".rstrip()
+    value, half = identified.value, (identified.high - identified.low) / 2
+    return f"{number(value, digits(value, half))} ± {number(half, 2)} {identified.unit}".rstrip()
 
 
 # Of the table of an identified friction law, as `number_cells` fills it.
 NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", "learnt from")
 
 
-def number_cells(each: FrictionNumber) -> tuple[str, ...]:
+def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
     """One identified number as texts under NUMBER_HEADINGS."""
-    places = digits(each.value, each.std)
-    interval = " … ".join(interval_of((each.low, each.high), places))
-    value, std = number(each.value, places), number(each.std, 2)
-    return each.name, each.symbol, value, std, interval, each.unit, each.learnt_from
+    cells = value_cells(identified.value, identified.std, (identified.low, identified.high))
+    return identified.name, identified.symbol, *cells, identified.unit, identified.learnt_from
+
+
+def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """A value, its standard deviation and its 95 % interval as texts with the digits that are known."""
+    places = digits(value, std)
+    return number(value, places), number(std, 2), " … ".join(interval_of(interval, places))

@@ -44,8 +44,8 @@ class ModeDrawing:
         extent = np.ptp(self.points, axis=0) ** 2 / (np.ptp(self.points, axis=0) ** 2).sum()
 
         def visible(plane: tuple[int, int]) -> float:
-            seen = list(plane)
-            return float(motion[seen].sum() * (END_ON_WEIGHT + (1 - END_ON_WEIGHT) * extent[seen].sum()))
+            axes = list(plane)
+            return float(motion[axes].sum() * (END_ON_WEIGHT + (1 - END_ON_WEIGHT) * extent[axes].sum()))
 
         planes.sort(key=visible, reverse=True)
         largest = np.abs(self.moved[:, :, mode]).max(axis=0)
@@ -105,9 +105,9 @@ class ModeRow:
     def __post_init__(self) -> None:
         """Check shapes."""
         n_m = len(self.frequency_hz)
-        for of, values in ((self.coordinates, self.shapes), (self.stores, self.energy)):
-            if of and values.shape != (len(of), n_m):
-                raise ValueError(f"an array is {values.shape}, of {len(of)} names ({of[0]}, ...) in {n_m} modes")
+        for names, values in ((self.coordinates, self.shapes), (self.stores, self.energy)):
+            if names and values.shape != (len(names), n_m):
+                raise ValueError(f"an array is {values.shape}, of {len(names)} names ({names[0]}, ...) in {n_m} modes")
 
     @property
     def modes(self) -> list[tuple[float, float, float, float, str, str]]:
@@ -165,7 +165,7 @@ def spring_names(robot: Robot) -> dict[str, str]:
 
 
 def load_name(robot: Robot) -> str:
-    """The name of the stores of energy beside the springs."""
+    """The name of the stores of energy other than springs."""
     return "weight and compensators" if robot.compensators else "weight"
 
 

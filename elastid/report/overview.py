@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.display import number, percent
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, ModificationIndex
 from elastid.report.content import ParameterRow, ReportContent
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
@@ -24,8 +24,6 @@ from elastid.validation.results import Agreement, noise_p
 # Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
 WIDTH_CLASSES = (0.02, 0.1, 0.5)
 WIDTH_WORDS = ("to 2 %", "to 10 %", "to 50 %", "wider")
-# Share of the excess over the noise from which on a number that was held is named as its cause.
-MIN_EXPLAINED_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,18 +72,18 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 
 def verdict_sentence(result: FitResult, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
-    """What the fit says of the numbers; the cause first where it did not converge, noise unknown said in it."""
+    """Verdict of the fit on the numbers; the cause first where it did not converge, with unknown noise if it is."""
     widths = "" if is_wrong(result) else _of_widths(rows)
     return "; ".join(filter(None, (_of_status(result, agreements), widths, _of_truth(rows))))
 
 
 def is_wrong(result: FitResult) -> bool:
-    """Whether the model is wrong by more than the intervals hold: their widths then say nothing."""
+    """True where the model is wrong by more than the intervals include, so that their widths mean nothing."""
     return result.status in ("misfit", "model_error")
 
 
 def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
-    """Whether the numbers are good, in a sentence that agrees with the status and the intervals."""
+    """A sentence on the quality of the numbers that agrees with the status and the intervals."""
     most = widest(rows)
     if result.status != "converged":
         return f"Not yet: {result.meaning}."
@@ -97,8 +95,8 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
 
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:
-    """Whether the residuals of the fitted configurations exceed the noise alone, without the floor of the fit."""
-    return noise_p([one for one in agreements if not one.left_out]) < FALSE_ALARM
+    """True where the residuals of the fitted configurations exceed the noise alone, without the floor of the fit."""
+    return noise_p([agreement for agreement in agreements if not agreement.left_out]) < FALSE_ALARM
 
 
 def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str:
@@ -146,26 +144,27 @@ def _of_truth(rows: Sequence[ParameterRow]) -> str:
 
 def strip(agreements: Sequence[Agreement]) -> Strip:
     """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
-    known = any(np.isfinite(one.rms_sigma).any() for one in agreements)
-    rows = tuple((one.configuration, _cells(q, one, known)) for q, one in enumerate(agreements))
+    known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
+    rows = tuple((agreement.configuration, _cells(q, agreement, known)) for q, agreement in enumerate(agreements))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
     return Strip(rows, "residual / noise" if known else "error, dB", worst)
 
 
-def _cells(q: int, one: Agreement, known: bool) -> tuple[Cell, ...]:
-    values = one.rms_sigma if known else one.rms_log_db
-    return tuple(
-        Cell(q, i * len(one.inputs) + j, f"{source} → {output}", float(values[i, j]))
-        for i, output in enumerate(one.outputs)
-        for j, source in enumerate(one.inputs)
-    )
+def _cells(q: int, agreement: Agreement, known: bool) -> tuple[Cell, ...]:
+    values = agreement.rms_sigma if known else agreement.rms_log_db
+    elements = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
+    return tuple(Cell(q, k, name, float(values.flat[k])) for k, name in enumerate(elements))
+
+
+def _first_index(result: FitResult) -> ModificationIndex | None:
+    return next((index for index in result.indices if index.place == 1), None)
 
 
 def excess_sentence(result: FitResult) -> str:
-    """What would explain the residuals beyond the noise, the first of the sequence; empty without a large share."""
-    first = next((one for one in result.indices if one.place == 1), None)
-    if first is None or first.share < MIN_EXPLAINED_SHARE:
+    """The first number that would explain the residuals beyond the noise; empty without a large share."""
+    first = _first_index(result)
+    if first is None or first.share < 0.1:
         return ""
     change = ""
     if len(first.values) == 1 and first.values[0]:
@@ -176,25 +175,34 @@ def excess_sentence(result: FitResult) -> str:
 def summary_line(content: ReportContent) -> str:
     """Configurations, experiments and the robot's time."""
     n = len(content.frf)
-    said = [f"{n} configuration{'s' if n != 1 else ''}"]
+    parts = [f"{n} configuration{'s' if n != 1 else ''}"]
     if content.plan is not None:
         records = sum(content.plan.realisations) * len(content.plan.inputs)
-        said += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
+        parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
     if version := content.provenance.get("elastid"):
-        said.append(f"elastid {version}")
-    return " · ".join(said)
+        parts.append(f"elastid {version}")
+    return " · ".join(parts)
 
 
-MAX_ACTIONS = 3
-# Relative standard deviation of the prior that is weighed, and the share of an interval that is worth a hint.
-PRIOR_STD, MIN_GAIN = 0.05, 0.1
-# Half-width below which nobody measures again.
-SMALL_ENOUGH = 0.005
+@dataclass(frozen=True)
+class Advice:
+    """Thresholds of the advice on the first screen; none was measured."""
+
+    actions: int = 3
+    # Relative standard deviation of the prior that is weighed.
+    prior_std: float = 0.05
+    # Share by which a prior must narrow an interval.
+    gain: float = 0.1
+    # Half-width of an interval that needs no further measurement.
+    half_width: float = 0.005
+
+
+ADVICE = Advice()
 
 
 @dataclass(frozen=True)
 class Action:
-    """what: an imperative.  gain: what it would change, with numbers.  text: to copy, a command or lines of a study."""
+    """what: an imperative.  gain: the change to expect, with numbers.  text: to copy, a command or lines of a study."""
 
     what: str
     gain: str
@@ -207,13 +215,13 @@ def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[
     More experiments do not narrow an interval that holds an error of the model.
     """
     result, poor = content.result, widest(rows)
-    found = [_action_of_status(result), _of_residuals(result)]
-    if poor is not None and half_width(poor) > SMALL_ENOUGH and not is_wrong(result):
-        found += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(content, poor)]
-    actions = [action for action in found if action is not None]
+    candidates = [_action_of_status(result), _of_residuals(result)]
+    if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
+        candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(content, poor)]
+    actions = [action for action in candidates if action is not None]
     if not actions:
         actions = [Action("Use the numbers.", "No interval or residual asks for another measurement.")]
-    return tuple(actions[:MAX_ACTIONS])
+    return tuple(actions[: ADVICE.actions])
 
 
 def commands(content: ReportContent) -> tuple[tuple[str, str], ...]:
@@ -232,21 +240,21 @@ def _action_of_status(result: FitResult) -> Action | None:
 
 
 def _of_residuals(result: FitResult) -> Action | None:
-    first = next((one for one in result.indices if one.place == 1), None)
+    first = _first_index(result)
     if first is None or not excess_sentence(result):
         return _of_structure(result)
     if not first.members:
         return Action(f"Check the reading “{first.name}”.", excess_sentence(result))
-    text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {PRIOR_STD}}}}}"
-    return Action(f"Free {first.name}, with a prior of {percent(PRIOR_STD)}.", excess_sentence(result), text)
+    text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {ADVICE.prior_std}}}}}"
+    return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess_sentence(result), text)
 
 
 def _of_structure(result: FitResult) -> Action | None:
     """Where the residuals exceed the noise and no number explains them: another model."""
     if not result.exceeds_noise:
         return None
-    what = "Declare further joints as elastic, and let the search find those that the data show."
-    return Action(what, "No number that was held explains the residuals.", "elastid compare --search study.yml")
+    advice = "Declare further joints as elastic, and let the search find those that the data show."
+    return Action(advice, "No number that was held explains the residuals.", "elastid compare --search study.yml")
 
 
 def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
@@ -257,17 +265,19 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
     if not np.isfinite(covariance).all() or variance <= 0:
         return None
     gains = [
-        float(covariance[i, p] ** 2 / (covariance[p, p] + PRIOR_STD**2)) / variance if parameter.log and p != i else 0.0
+        float(covariance[i, p] ** 2 / (covariance[p, p] + ADVICE.prior_std**2)) / variance
+        if parameter.log and p != i
+        else 0.0
         for p, parameter in enumerate(result.parameters.free)
     ]
     best = int(np.argmax(gains))
-    if 1 - np.sqrt(max(1 - gains[best], 0.0)) < MIN_GAIN:
+    if 1 - np.sqrt(max(1 - gains[best], 0.0)) < ADVICE.gain:
         return None
     narrowed = half_width(poor) * np.sqrt(max(1 - gains[best], 0.0))
     return Action(
-        f"Give {names[best]} a prior of {percent(PRIOR_STD)}.",
+        f"Give {names[best]} a prior of {percent(ADVICE.prior_std)}.",
         f"The interval of {poor.name} would go from ±{percent(half_width(poor))} to ±{percent(narrowed)}.",
-        f"fit.parameters.{names[best]}: {{prior: {{std: {PRIOR_STD}}}}}",
+        f"fit.parameters.{names[best]}: {{prior: {{std: {ADVICE.prior_std}}}}}",
     )
 
 

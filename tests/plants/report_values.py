@@ -172,3 +172,12 @@ def full_content():
 def lines_of(axes):
     """Lines of a panel by label."""
     return {line.get_label(): line for line in axes.get_lines()}
+
+
+def bars_of(axes):
+    """Points with intervals of a panel, x and y by label."""
+    points = {}
+    for container in axes.containers:
+        x, y = container.lines[0].get_data()
+        points[str(container.get_label())] = np.asarray(x), np.asarray(y)
+    return points

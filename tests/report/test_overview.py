@@ -12,7 +12,7 @@ from elastid.base.display import percent
 from elastid.fit.result import ModificationIndex
 from elastid.report.content import model_lines, parameter_rows
 from elastid.report.overview import (
-    PRIOR_STD,
+    ADVICE,
     half_width,
     next_steps,
     numbers_answer,
@@ -67,7 +67,7 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     found = next_steps(report_content(result=result), rows_of(result))
     prior = next(action for action in found if "prior" in action.what)
     e = np.eye(4)[0]
-    posterior = np.linalg.inv(np.linalg.inv(covariance) + np.outer(e, e) / PRIOR_STD**2)
+    posterior = np.linalg.inv(np.linalg.inv(covariance) + np.outer(e, e) / ADVICE.prior_std**2)
     assert "k_1" in prior.what
     expected = half_width(rows_of(result)[1]) * np.sqrt(posterior[1, 1] / covariance[1, 1])
     assert f"to ±{percent(expected)}." in prior.gain

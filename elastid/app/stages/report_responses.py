@@ -9,7 +9,8 @@ from elastid.app.work import Artefacts, Work
 from elastid.export.csv import write_peaks
 from elastid.frf.peaks import peaks
 from elastid.frf.spec import EstimatorSpec
-from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
+from elastid.report.content import ResponsesContent
+from elastid.report.page.page import write_page_of_responses
 from elastid.report.spec import ReportSpec
 from elastid.store import Stamp, read_friction, read_responses
 

@@ -19,10 +19,6 @@ from elastid.record import Configuration
 from elastid.report.figures import style
 from elastid.robot import Robot
 
-# Columns of the frequency axis: lines closer than this are drawn together.
-BANDS = 60
-# Shares of less are not written, in %.
-MIN_WRITTEN_PERCENT = 0.5
 # Stick figures side by side; width and height of each, and the room above all, in inches.
 MAX_COLUMNS, PANEL, ABOVE = 4, (2.4, 2.7), 0.3
 LOOKS: dict[StickKind, tuple[str, float]] = {
@@ -36,23 +32,16 @@ def information(forecast: Forecast) -> Figure:
     """Shares of the expected information: by configuration and frequency (left), by configuration and parameter."""
     names = forecast.configurations
     size = style.WIDE, max(1.5 + 0.3 * len(names), 3.2)
-    figure, ((left, right),) = style.panels(
-        1, 2, size, (0.95, 0.1, 0.62, 0.75), (0.2, 0.0), sharey=True, width_ratios=(1.15, 1)
-    )
-    edges = np.geomspace(forecast.freq_hz[0] / 1.01, forecast.freq_hz[-1] * 1.01, BANDS + 1)
+    options = {"sharey": True, "width_ratios": (1.15, 1)}
+    figure, ((left, right),) = style.panels(1, 2, size, (0.95, 0.1, 0.62, 0.75), (0.2, 0.0), **options)
+    edges = np.geomspace(forecast.freq_hz[0] / 1.01, forecast.freq_hz[-1] * 1.01, 61)
     by_band = 100 * _in_bands(forecast.freq_hz, forecast.share.mean(axis=2), edges)
     left.pcolormesh(edges, np.arange(len(names) + 1) - 0.5, by_band, cmap="Blues", vmin=0)
     left.tick_params(labelsize=style.SMALL, length=0)
     style.set_log_frequency(left, forecast.freq_hz)
     style.label(left, x="frequency in Hz", title="share of all information")
     by_parameter = 100 * forecast.share.sum(axis=1)
-    style.heat_map(
-        right,
-        by_parameter,
-        Normalize(0, 100),
-        lambda value: f"{value:.0f}" if value >= MIN_WRITTEN_PERCENT else "",
-        size=6,
-    )
+    style.heat_map(right, by_parameter, Normalize(0, 100), lambda value: f"{value:.0f}" if value >= 0.5 else "", 6)
     style.set_names(right.xaxis, forecast.parameters, rotation=90)
     style.set_names(left.yaxis, names)
     right.tick_params(labelleft=False)
@@ -62,7 +51,7 @@ def information(forecast: Forecast) -> Figure:
 
 
 def _in_bands(freq_hz: FloatArray, share: FloatArray, edges: FloatArray) -> FloatArray:
-    """Shares (Q, F) summed within the bands (Q, BANDS), NaN where there is no line."""
+    """Shares (Q, F) summed within the bands (Q, 60), NaN where there is no line."""
     band = np.clip(np.searchsorted(edges, freq_hz) - 1, 0, len(edges) - 2)
     total = np.zeros((len(share), len(edges) - 1))
     np.add.at(total.T, band, share.T)
@@ -129,12 +118,6 @@ def excitation(plan: Plan) -> Figure:
     return figure
 
 
-# A signal is drawn as the least and the largest sample of so many pieces of the run.
-PIECES = 700
-# Part of a limit that a signal must use for the axis to reach the limit.
-MIN_USE_SHOWN = 0.2
-
-
 def limit_use(use: LimitUse) -> Figure:
     """Peaks in % of their limits: configurations (rows) by motors (columns), a panel for each quantity limited."""
     kinds = np.flatnonzero(np.isfinite(use.limit).any(axis=(0, 2)))
@@ -187,7 +170,7 @@ def _draw_limit(axes: Axes, peak: float, limit: float, margin: float) -> None:
     """Limit and margin on either side, where the signal comes near them; the part of the limit it uses as a number."""
     if not np.isfinite(limit):
         return
-    is_near = peak > MIN_USE_SHOWN * limit
+    is_near = peak > 0.2 * limit
     reach = 1.12 * limit if is_near or peak == 0 else 1.35 * peak
     axes.set_ylim(-reach, reach)
     if is_near:
@@ -200,8 +183,8 @@ def _draw_limit(axes: Axes, peak: float, limit: float, margin: float) -> None:
 
 
 def _thinned(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and largest sample of each piece, in turn."""
-    step = -(-len(x) // PIECES)
+    """Least and largest sample of each of 700 pieces, in turn."""
+    step = -(-len(x) // 700)
     if step < 4:
         return t, x
     pieces = np.append(x, np.full(-len(x) % step, x[-1])).reshape(-1, step)

@@ -35,12 +35,18 @@ from elastid.report.figures.friction_presliding import friction_at_rest, frictio
 from elastid.report.figures.modes import mode_shapes, mode_sketches
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
-from elastid.report.figures.twin import RUN_CAPTION, TORQUE_CAPTION, torque_balance_figure, twin_run_figure
-from elastid.report.figures.validation import left_out_errors, model_errors, replay_signals
+from elastid.report.figures.validation import (
+    RUN_CAPTION,
+    TORQUE_CAPTION,
+    left_out_errors,
+    model_errors,
+    replay_signals,
+    torque_balance_figure,
+    twin_run_figure,
+)
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.twin import TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
 
 # Begins the section of a figure of one configuration.
@@ -52,7 +58,7 @@ class Drawing:
     """A figure to draw, with a file-safe name, the section of the page that it belongs to, and a caption.
 
     draw(): the figure; it pickles, so that figures can be drawn in several processes.  on_page: not where the page
-    shows the same to explore or in a table, nor of every single configuration: these are files beside the page.
+    shows the same to explore or in a table, nor of every single configuration: these are files only.
     """
 
     name: str
@@ -89,7 +95,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(identifiability, content.result))
-    if any(not one.place for one in content.result.indices):
+    if any(not index.place for index in content.result.indices):
         caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
         yield Drawing("modification_indices", "why", caption, partial(modification_shares, content.result))
     yield from _plan(content)
@@ -108,7 +114,7 @@ def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
 
 
 def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
-    """Of friction that was looked for in records, beside that of the robot's file; none where it could not be."""
+    """Of friction that was searched for in records, with that of the robot's file; none where it could not be."""
     if friction is not None and friction.configurations:
         caption = (
             "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "
@@ -150,15 +156,15 @@ def response_drawings(
     dense: tuple[FrequencyResponse, FloatArray] | None = None,
 ) -> Iterator[Drawing]:
     """Magnitude, phase and singular values; std: of the model; dense: model and std on lines of its own."""
-    beside = "" if modelled is None else ", measured and modelled"
+    compared = "" if modelled is None else ", measured and modelled"
     shown = measured, modelled, title
     model = modelled if dense is None else dense[0]
-    for kind, what, draw in (
+    for kind, quantity, draw in (
         ("magnitude", "magnitude of the frequency responses", partial(frf_magnitude, *shown, std, dense)),
         ("phase", "phase of the frequency responses", partial(frf_phase, measured, model, title)),
         ("singular-values", "singular values of the response matrix", partial(singular_values, measured, model, title)),
     ):
-        drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{what}{beside}.", draw)
+        drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{quantity}{compared}.", draw)
         yield replace(drawing, on_page=False)
 
 
@@ -232,12 +238,14 @@ def friction_study_drawings(
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of the twin along their logs, to be drawn."""
     yield from twin_drawings(twin.runs)
-    for file, joint in zip(
-        file_names([joint.joint for joint in result.joints], "friction"), result.joints, strict=True
-    ):
-        followed = [each for each in filters if each.joint == joint.joint]
-        explained = [each for each in twin.balances if each.place == f"{JOINT}{joint.joint}"]
-        for name, caption, draw in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
+    files = file_names([joint.joint for joint in result.joints], "friction")
+    for file, joint in zip(files, result.joints, strict=True):
+        followed = [tracked for tracked in filters if tracked.joint == joint.joint]
+        explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
+        torques: list[Named] = [
+            ("torque", TORQUE_CAPTION, partial(torque_balance_figure, balance)) for balance in explained
+        ]
+        for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
 
@@ -266,19 +274,14 @@ def _warm_up(place: str, warm_up: WarmUp, thermal: ThermalModel, law: StaticLaw 
     return friction_warm_up(place, warm_up, thermal, level_over_heat(law, warm_up), slides)
 
 
-def _of_balance(found: TorqueBalance) -> Named:
-    """The torque of a motion."""
-    return "torque", TORQUE_CAPTION, partial(torque_balance_figure, found)
-
-
-def _of_filter(found: FollowedFriction) -> Named:
+def _of_filter(followed: FollowedFriction) -> Named:
     """The filter of a joint."""
     caption = (
         "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
         "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
-        f"Weakest: {found.weakest.words}, known to {found.weakest.ratio:.0%} of what it was before."
+        f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
     )
-    return "filter", caption, partial(friction_filter, found)
+    return "filter", caption, partial(friction_filter, followed)
 
 
 def _of_records(joint: JointFriction) -> Iterator[Named]:

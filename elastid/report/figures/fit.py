@@ -14,10 +14,6 @@ from elastid.fit.result import FitResult
 from elastid.report.content import ParameterRow
 from elastid.report.figures import style
 
-# Correlations of more are written into the matrix.
-MIN_WRITTEN_CORRELATION = 0.9
-# Costs further apart than by this factor are on a logarithmic axis.
-MAX_LINEAR_RATIO = 5.0
 # Inches: the panel of singular values is so wide, and so far from the matrix.
 VALUES_WIDTH, GAP = 3.2, 1.5
 
@@ -38,19 +34,17 @@ def multistart_costs(result: FitResult) -> Figure:
         if keep.any():
             axes.plot(rank[keep], cost[keep], ls="none", marker=marker, ms=5, mfc=face, color=color, label=label)
     shown = np.append(cost[np.isfinite(cost)], result.cost_expected)
-    if shown.min() > 0 and shown.max() > MAX_LINEAR_RATIO * shown.min():
+    if shown.min() > 0 and shown.max() > 5 * shown.min():
         style.set_log_values(axes, float(shown.min()), float(shown.max()))
     style.set_plain_ticks(axes.xaxis, rank[:: math.ceil(len(rank) / 10)].tolist())
     axes.set_xlim(0.3, len(cost) + 0.7)
     style.label(axes, x="start, sorted by cost", y="cost V")
-    style.lighten(axes)
-    style.add_title(figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost")
-    style.add_legend(figure, (axes,))
+    style.finish(figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,))
     return figure
 
 
 def identifiability(result: FitResult) -> Figure:
-    """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian beside them."""
+    """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
     r, names = result.correlation, result.parameters.free_names
     side = float(np.clip(0.27 * len(r), 2.4, 7.0))
     letters = 0.25 + 0.075 * max(map(len, names))
@@ -84,7 +78,7 @@ def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: fl
     style.set_names(axes.xaxis, names, rotation=90, fontsize=size)
     style.set_names(axes.yaxis, names, fontsize=size)
     axes.tick_params(length=0)
-    for i, j in np.argwhere(np.abs(r) > MIN_WRITTEN_CORRELATION):
+    for i, j in np.argwhere(np.abs(r) > 0.9):
         if i != j:
             axes.text(j, i, f"{r[i, j]:.2f}", ha="center", va="center", color="white", fontsize=0.75 * size)
 
@@ -202,21 +196,17 @@ def _percent_axis(axes: Axes, rows: Scaled) -> None:
             axes.plot(edge, rows.y[beyond], marker, ms=6, color=style.FITTED, label="estimate off the scale")
 
 
-# Inches: of a bar, and beside the bars.
-BAR, WIDTH, LETTER = 0.24, 4.0, 0.075
-
-
 def modification_shares(result: FitResult) -> Figure:
     """A bar for each, the first of the sequence filled dark."""
-    alone = [one for one in result.indices if not one.place][::-1]
-    first = {one.name for one in result.indices if one.place == 1}
-    left = 0.4 + LETTER * max(len(one.name) for one in alone)
-    height = 1.1 + BAR * len(alone)
-    figure = Figure(figsize=(left + WIDTH + 0.3, height))
-    axes = figure.add_axes((left / (left + WIDTH + 0.3), 0.55 / height, WIDTH / (left + WIDTH + 0.3), 1 - 1.1 / height))
-    colors = [style.FITTED if one.name in first else style.MEASURED for one in alone]
-    axes.barh(range(len(alone)), [min(100 * one.share, 100.0) for one in alone], color=colors, height=0.7)
-    style.set_names(axes.yaxis, [one.name for one in alone])
+    alone = [index for index in result.indices if not index.place][::-1]
+    first = {index.name for index in result.indices if index.place == 1}
+    left = 0.4 + 0.075 * max(len(index.name) for index in alone)
+    width, height = left + 4.0 + 0.3, 1.1 + 0.24 * len(alone)
+    figure = Figure(figsize=(width, height))
+    axes = figure.add_axes((left / width, 0.55 / height, 4.0 / width, 1 - 1.1 / height))
+    colors = [style.FITTED if index.name in first else style.MEASURED for index in alone]
+    axes.barh(range(len(alone)), [min(100 * index.share, 100.0) for index in alone], color=colors, height=0.7)
+    style.set_names(axes.yaxis, [index.name for index in alone])
     axes.set_xlim(0, 100)
     style.label(axes, x="share of the excess of V, %")
     style.lighten(axes)

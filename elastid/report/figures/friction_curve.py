@@ -47,11 +47,11 @@ class Condition:
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
         """Every speed (n,) in one direction."""
-        one = np.ones_like(speed)
-        return Conditions(speed, direction * one, self.load * one, self.temperature * one)
+        ones = np.ones_like(speed)
+        return Conditions(speed, direction * ones, self.load * ones, self.temperature * ones)
 
-    def here(self, law: StaticLaw) -> BoolArray:
-        """Which levels (n,) stand at it, as far as the law depends on load and temperature."""
+    def includes(self, law: StaticLaw) -> BoolArray:
+        """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
         levels, own = law.levels, np.ones(law.levels.n_levels, dtype=bool)
         if depends_on(law, "load"):
             own &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
@@ -73,17 +73,16 @@ def friction_curve(law: StaticLaw) -> Figure:
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """
     levels, condition = law.levels, Condition.typical(law.levels)
-    options = {"sharex": True, "height_ratios": (3, 1)}
-    figure, ((curve,), (left,)) = style.panels(2, 1, (style.WIDE, 5.4), (0.8, 0.25, 0.85, 0.55), (0.0, 0.12), **options)
-    here = condition.here(law)
+    figure, panels = style.column(5.4, (3, 1), 0.12)
+    curve, left = panels
+    on_curve = condition.includes(law)
     for direction in sorted(set(levels.direction.tolist()), reverse=True):
-        _draw_levels(curve, left, law, direction, here)
+        _draw_levels(curve, left, law, direction, on_curve)
     for direction in law_directions(law):
         _draw_law(curve, law, condition, direction)
     low, high = float(levels.speed.min()), float(levels.speed.max())
-    for axes in (curve, left):
+    for axes in panels:
         axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0, label="measured speeds")
-        style.lighten(axes)
     style.set_log_frequency(curve, np.array([low / BEYOND, high * BEYOND]), 12)
     curve.set_ylim(0, 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max()))
     for bound in (-QUANTILE_95, QUANTILE_95):
@@ -91,11 +90,15 @@ def friction_curve(law: StaticLaw) -> Figure:
     reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
     left.set_ylim(-reach, reach)
     speed, torque = units(levels.slides)
-    style.label(curve, y=f"{'force' if levels.slides else 'torque'} in {torque}")
+    style.label(curve, y=f"{quantity(levels.slides)} in {torque}")
     style.label(left, f"speed in {speed}", "(level − law) / std")
-    style.add_title(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip())
-    style.add_legend(figure, (curve,))
+    style.finish(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip(), panels, [curve])
     return figure
+
+
+def quantity(slides: bool) -> str:
+    """Force or torque."""
+    return "force" if slides else "torque"
 
 
 def units(slides: bool) -> tuple[str, str]:
@@ -103,9 +106,9 @@ def units(slides: bool) -> tuple[str, str]:
     return ("m/s", "N") if slides else ("rad/s", "N·m")
 
 
-def depends_on(law: StaticLaw, what: str) -> bool:
-    """Whether the law has numbers of `load`, `temperature` or `directions`."""
-    return any(name.startswith(what) for name in law.names)
+def depends_on(law: StaticLaw, part: str) -> bool:
+    """True where the law has numbers of `load`, `temperature` or `directions`."""
+    return any(name.startswith(part) for name in law.names)
 
 
 def law_directions(law: StaticLaw) -> tuple[float, ...]:
@@ -124,20 +127,20 @@ def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
     return law.fit.torque(at), reach * law.fit.torque_std(at)
 
 
-def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, here: BoolArray) -> None:
+def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, on_curve: BoolArray) -> None:
     levels, (color, name) = law.levels, DIRECTIONS[direction]
     for chosen, ink, text, order in (
-        (~here, style.WEAK, "levels at other loads and temperatures", 2),
-        (here, color, f"levels, {name}", 4),
+        (~on_curve, style.WEAK, "levels at other loads and temperatures", 2),
+        (on_curve, color, f"levels, {name}", 4),
     ):
         own = chosen & (levels.direction == direction)
         if not own.any():
             continue
-        looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3.5, "color": ink}
-        looks |= {"mfc": ink, "mew": 0.0} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
-        x, error = levels.speed[own], QUANTILE_95 * levels.std[own]
-        curve.errorbar(x, levels.torque[own], error, **looks, elinewidth=0.8, capsize=2, zorder=order, label=text)
-        left.plot(x, residuals(law)[own], **looks, zorder=order)
+        looks = style.DOTS | {"ms": 3.5, "color": ink, "mfc": ink, "zorder": order}
+        looks |= {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
+        x = levels.speed[own]
+        style.plot_intervals(curve, x, levels.torque[own], levels.std[own], **looks, capsize=2, label=text)
+        left.plot(x, residuals(law)[own], **looks)
 
 
 def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float) -> None:
@@ -152,7 +155,7 @@ def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float
         speed = np.geomspace(*ends, POINTS)
         torque, half = law_band(law, condition.at(speed, direction))
         axes.plot(speed, torque, dash, color=color, lw=1.3, zorder=3, label=text or None)
-        axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.25, lw=0, zorder=3)
+        style.fill_band(axes, speed, torque, half, color, 0.25, zorder=3)
 
 
 # Speeds that are drawn, and the share by which those of one group differ at most.
@@ -179,10 +182,9 @@ def friction_conditions(law: StaticLaw) -> Figure:
         for i, members in enumerate(_groups(law.levels.speed)):
             _draw_group(axes, law, kind, members, style.SERIES[i])
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        style.label(axes, names[kind], f"{'force' if law.levels.slides else 'torque'} in {torque}", _held(law, kind))
-        style.lighten(axes)
-    style.add_title(figure, f"{law.levels.place}: friction over {' and '.join(kinds)}, by speed in {speed}")
-    style.add_legend(figure, panels[0])
+        style.label(axes, names[kind], f"{quantity(law.levels.slides)} in {torque}", _held(law, kind))
+    title = f"{law.levels.place}: friction over {' and '.join(kinds)}, by speed in {speed}"
+    style.finish(figure, title, panels[0], panels[0])
     return figure
 
 
@@ -192,19 +194,19 @@ def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color
     values = getattr(levels, kind)[members]
     grid = np.linspace(values.min(), values.max(), POINTS)
     line, half = law_band(law, _conditions(typical, kind, speed, grid))
-    axes.fill_between(grid, line - half, line + half, color=color, alpha=0.2, lw=0)
+    style.fill_band(axes, grid, line, half, color, 0.2)
     axes.plot(grid, line, color=color, lw=1.2)
     left = levels.torque[members] - law.fit.torque(levels.select(members).conditions)
     torque = law.fit.torque(_conditions(typical, kind, speed, values)) + left
-    looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3.2, "mew": 0, "elinewidth": 0.8, "capsize": 2}
-    axes.errorbar(values, torque, QUANTILE_95 * levels.std[members], **looks, color=color, label=f"{speed:.3g}")
+    looks: dict[str, Any] = {"ms": 3.2, "capsize": 2, "color": color, "label": f"{speed:.3g}"}
+    style.plot_intervals(axes, values, torque, levels.std[members], **looks)
 
 
 def _conditions(typical: Condition, kind: str, speed: float, values: FloatArray) -> Conditions:
-    one = np.ones_like(values)
-    load = values if kind == "load" else typical.load * one
-    temperature = values if kind == "temperature" else typical.temperature * one
-    return Conditions(speed * one, 0.0 * one, load, temperature)
+    ones = np.ones_like(values)
+    load = values if kind == "load" else typical.load * ones
+    temperature = values if kind == "temperature" else typical.temperature * ones
+    return Conditions(speed * ones, 0.0 * ones, load, temperature)
 
 
 def _held(law: StaticLaw, kind: str) -> str:
@@ -213,11 +215,9 @@ def _held(law: StaticLaw, kind: str) -> str:
     if not depends_on(law, other):
         return ""
     typical = Condition.typical(law.levels)
-    return (
-        f"at {typical.temperature:.3g} °C"
-        if kind == "load"
-        else f"at a load of {typical.load:.3g} {units(law.levels.slides)[1]}"
-    )
+    if kind == "load":
+        return f"at {typical.temperature:.3g} °C"
+    return f"at a load of {typical.load:.3g} {units(law.levels.slides)[1]}"
 
 
 def _groups(speed: FloatArray) -> Sequence[BoolArray]:

@@ -15,9 +15,6 @@ from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import units
 
-MINUTE = 60.0
-# Longest time in s that is shown in seconds.
-SHORT = 300.0
 NAMES = {
     "Fc": "Coulomb friction",
     "f": "viscous friction",
@@ -27,43 +24,39 @@ NAMES = {
 }
 
 
-def friction_filter(found: FollowedFriction) -> Figure:
+def friction_filter(followed: FollowedFriction) -> Figure:
     """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
-    rows = len(found.names) + 2
-    ratios = (*(1.3 for _ in found.names), 0.9, 1.0)
-    figure, panels = style.panels(
-        rows, 1, (style.WIDE, 1.6 * rows), (0.8, 0.25, 0.85, 0.55), (0.0, 0.42), height_ratios=ratios
-    )
-    is_short = float(found.time_s[-1]) <= SHORT
-    time, unit = (found.time_s, "s") if is_short else (found.time_s / MINUTE, "min")
-    for i, name in enumerate(found.names):
-        _draw_number(panels[i, 0], found, i, time)
-        style.label(panels[i, 0], y=f"{NAMES[name]}\nin {_unit(name, found.slides)}")
-    nis, correlation = panels[-2, 0], panels[-1, 0]
-    nis.plot(time, found.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
+    rows = len(followed.names) + 2
+    ratios = (*(1.3 for _ in followed.names), 0.9, 1.0)
+    figure, panels = style.column(1.6 * rows, ratios, 0.42, sharex=False)
+    time, unit = (followed.time_s, "s") if followed.time_s[-1] <= 300 else (followed.time_s / 60, "min")
+    for i, name in enumerate(followed.names):
+        _draw_number(panels[i], followed, i, time)
+        style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")
+    nis, correlation = panels[-2:]
+    nis.plot(time, followed.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
     nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
     nis.set_yscale("log")
     style.label(nis, f"time in {unit}", "NIS")
-    rho = found.consistency.autocorrelation
+    rho = followed.consistency.autocorrelation
     correlation.stem(np.arange(1, len(rho)), rho[1:], linefmt="-", markerfmt=".", basefmt=" ")
-    reach = QUANTILE_95 / np.sqrt(max(found.consistency.n_eff, 1.0))
+    reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
     correlation.axhspan(-reach, reach, color=style.FITTED, alpha=0.15, lw=0)
     style.label(correlation, "lag in samples", "autocorrelation")
-    for axes in panels[:, 0]:
-        style.lighten(axes)
-        axes.margins(x=0.01)
-    style.add_title(figure, f"joint {found.joint}: friction followed, mean NIS {found.consistency.nis:.2f}")
-    style.add_legend(figure, panels[:, 0])
+    title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
+    style.finish(figure, title, panels, panels, 0.01)
     return figure
 
 
-def _draw_number(axes: Axes, found: FollowedFriction, i: int, time: np.ndarray) -> None:
-    """The band, the estimate, and where the motion tells nothing."""
-    axes.fill_between(time, found.low[:, i], found.high[:, i], color=style.FITTED, alpha=0.2, lw=0, label="95 % band")
-    axes.plot(time, found.values[:, i], color=style.FITTED, lw=1.2, label="followed")
-    held = np.where(found.unknown[:, i], found.values[:, i], np.nan)
+def _draw_number(axes: Axes, followed: FollowedFriction, i: int, time: np.ndarray) -> None:
+    """The band, the estimate, and where the motion does not inform it."""
+    axes.fill_between(
+        time, followed.low[:, i], followed.high[:, i], color=style.FITTED, alpha=0.2, lw=0, label="95 % band"
+    )
+    axes.plot(time, followed.values[:, i], color=style.FITTED, lw=1.2, label="followed")
+    held = np.where(followed.unknown[:, i], followed.values[:, i], np.nan)
     if np.isfinite(held).any():
-        axes.plot(time, held, color=style.WEAK, lw=2.0, label="held: the motion tells nothing of it")
+        axes.plot(time, held, color=style.WEAK, lw=2.0, label="held: not observable in this motion")
 
 
 def _unit(name: str, slides: bool) -> str:
@@ -75,27 +68,22 @@ def friction_warm_up(
     place: str, warm_up: WarmUp, model: ThermalModel, level_of: LevelOf | None, slides: bool = False
 ) -> Figure:
     """Power, temperature (relative where kelvins cannot be known), and levels by speed; lines: the thermal model."""
-    options = {"sharex": True, "height_ratios": (0.7, 1.4, 1.8)}
-    figure, panels = style.panels(3, 1, (style.WIDE, 6.4), (0.8, 0.25, 0.85, 0.55), (0.0, 0.16), **options)
-    power, heat, tests = panels[:, 0]
-    minutes, kelvin = warm_up.time_s / MINUTE, model.scale == "kelvin"
+    figure, panels = style.column(6.4, (0.7, 1.4, 1.8), 0.16)
+    power, heat, tests = panels
+    minutes, kelvin = warm_up.time_s / 60, model.scale == "kelvin"
     power.stairs(warm_up.power, minutes, color=style.TOTAL, lw=1.0, label="power into heat")
     read = np.isfinite(warm_up.readings)
     if read.any() and kelvin:
-        looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 1.8, "mew": 0, "color": style.WEAK}
-        heat.plot(minutes[read], warm_up.readings[read], **looks, label="thermometer")
+        heat.plot(minutes[read], warm_up.readings[read], **style.DOTS, ms=1.8, color=style.WEAK, label="thermometer")
     heat.plot(minutes, model.temperature(warm_up), color=style.FITTED, lw=1.3, label="thermal model")
     if len(warm_up.level):
         _draw_tests(tests, warm_up, model, level_of, units(slides)[0])
-    for axes in panels[:, 0]:
-        style.lighten(axes)
-        axes.margins(x=0.01)
     style.label(power, y="power in W")
     style.label(heat, y="temperature in °C" if kelvin else "relative temperature")
     style.label(tests, "time in min", f"{'force' if slides else 'torque'} in {units(slides)[1]}")
-    times = " and ".join(f"{constant / MINUTE:.3g} min" for constant in model.time_constants)
-    style.add_title(figure, f"{place}: warm-up, time constant{'s' if len(model.time_constants) > 1 else ''} of {times}")
-    style.add_legend(figure, panels[:, 0])
+    times = " and ".join(f"{constant / 60:.3g} min" for constant in model.time_constants)
+    title = f"{place}: warm-up, time constant{'s' if len(model.time_constants) > 1 else ''} of {times}"
+    style.finish(figure, title, panels, panels, 0.01)
     return figure
 
 
@@ -103,12 +91,11 @@ def _draw_tests(axes: Axes, warm_up: WarmUp, model: ThermalModel, level_of: Leve
     """Levels over time by speed, and the model's where it can give them."""
     can_predict = model.scale == "relative" or level_of is not None
     predicted = model.levels(warm_up, level_of) if can_predict else None
-    minutes = warm_up.time_s[warm_up.tests] / MINUTE
+    minutes = warm_up.time_s[warm_up.tests] / 60
     for i, speed in enumerate(np.unique(warm_up.test_speed).tolist()):
         own, color = warm_up.test_speed == speed, style.SERIES[i % len(style.SERIES)]
-        looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3, "mew": 0, "elinewidth": 0.8, "color": color}
-        error = QUANTILE_95 * warm_up.level_std[own]
-        axes.errorbar(minutes[own], warm_up.level[own], error, **looks, label=f"tests at {speed:.3g} {unit}")
+        looks: dict[str, Any] = {"ms": 3, "color": color, "label": f"tests at {speed:.3g} {unit}"}
+        style.plot_intervals(axes, minutes[own], warm_up.level[own], warm_up.level_std[own], **looks)
         if predicted is not None:
             axes.plot(minutes[own], predicted[own], color=color, lw=1.0)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,74 +16,66 @@ from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_
 from elastid.friction_study.passes import MAX_HARMONIC, Pass, gravity_names, ripple_names
 from elastid.friction_study.plateaus import distinct_speeds
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import POINTS, units
+from elastid.report.figures.friction_curve import POINTS, quantity, units
 
-# Samples of a pass that are drawn.
-MOST_PASS_SAMPLES = 3000
 OFFSET = "gravity and offset"
 COLORS = {"friction": style.START, OFFSET: style.MEASURED, "ripple": style.NOISE, "inertia": style.TOTAL}
 
 
-def friction_pass(pair: Sequence[Pass], found: PassLevels) -> Figure:
+def friction_pass(pair: Sequence[Pass], regressed: PassLevels) -> Figure:
     """Torque over angle, measured and regressed; the parts of the regression; what it leaves, all in both directions.
 
     pair: the passes there and back.
     """
-    options = {"sharex": True, "height_ratios": (2, 2, 1)}
-    figure, panels = style.panels(3, 1, (style.WIDE, 6.6), (0.8, 0.25, 0.85, 0.55), (0.0, 0.14), **options)
-    whole, shown, left = panels[:, 0]
+    figure, panels = style.column(6.6, (2, 2, 1), 0.14)
+    total_torque, shown, left = panels
     scale = 1.0 if pair[0].slides else 180 / np.pi
-    for each, own in zip(pair, parts_of(pair, found), strict=True):
-        step = max(1, len(each.position) // MOST_PASS_SAMPLES)
-        q, u = scale * each.position[::step], each.torque[::step]
+    for run, own in zip(pair, parts_of(pair, regressed), strict=True):
+        step = max(1, len(run.position) // 3000)
+        q, u = scale * run.position[::step], run.torque[::step]
         parts = {name: part[::step] for name, part in own.items()}
         total = np.sum(list(parts.values()), axis=0)
-        whole.plot(q, u, color=style.MEASURED, lw=0.7, alpha=0.8, label="measured")
-        whole.plot(q, total, color=style.FITTED, lw=1.2, label="regression")
+        total_torque.plot(q, u, color=style.MEASURED, lw=0.7, alpha=0.8, label="measured")
+        total_torque.plot(q, total, color=style.FITTED, lw=1.2, label="regression")
         for name, part in parts.items():
             shown.plot(q, part, color=COLORS[name], lw=1.2, label=name)
         left.plot(q, u - total, color=style.RESIDUAL, lw=0.6, label="measured − regression")
     speed, torque = units(pair[0].slides)
-    for axes in panels[:, 0]:
-        style.lighten(axes)
-        axes.margins(x=0.02)
-    quantity = "force" if pair[0].slides else "torque"
-    style.label(whole, y=f"{quantity} in {torque}")
+    style.label(total_torque, y=f"{quantity(pair[0].slides)} in {torque}")
     style.label(shown, y=f"parts in {torque}")
     style.label(left, "position in m" if pair[0].slides else "angle in °", f"left in {torque}")
-    mean = float(np.mean([np.abs(each.velocity).mean() for each in pair]))
-    style.add_title(figure, f"{pair[0].place}: a pass there and back at {mean:.3g} {speed}")
-    style.add_legend(figure, panels[:, 0])
+    mean = float(np.mean([np.abs(run.velocity).mean() for run in pair]))
+    style.finish(figure, f"{pair[0].place}: a pass there and back at {mean:.3g} {speed}", panels, panels, 0.02)
     return figure
 
 
-def parts_of(pair: Sequence[Pass], found: PassLevels) -> list[dict[str, FloatArray]]:
+def parts_of(pair: Sequence[Pass], regressed: PassLevels) -> list[dict[str, FloatArray]]:
     """Friction, gravity with the offset, ripple and inertia (n,) of each pass, those that the regression has.
 
-    The offset is the pair's own: what is alike in both directions.
+    The offset is the pair's own, the same in both directions.
     """
-    shared = {name: value for name, (value, _) in found.shared.items()}
-    each_has = []
-    for each in pair:
-        q, speed = each.position, np.abs(each.velocity)
-        sliding = _level(pair, found, each.direction) + shared.get("slope", 0.0) * (speed - speed.mean())
-        cosine, sine = (shared.get(name, 0.0) for name in gravity_names(each.load_name))
+    shared = {name: value for name, (value, _) in regressed.shared.items()}
+    by_run = []
+    for run in pair:
+        q, speed = run.position, np.abs(run.velocity)
+        sliding = _level(pair, regressed, run.direction) + shared.get("slope", 0.0) * (speed - speed.mean())
+        cosine, sine = (shared.get(name, 0.0) for name in gravity_names(run.load_name))
         gravity = cosine * np.cos(q) + sine * np.sin(q)
-        parts = {"friction": each.direction * sliding, OFFSET: gravity}
+        parts = {"friction": run.direction * sliding, OFFSET: gravity}
         if "ripple.1c" in shared:
-            parts["ripple"] = _ripple(q, shared, found.turn)
-        each_has.append(parts | {"inertia": shared.get("inertia", 0.0) * each.acceleration})
-    left = [each.torque - np.sum(list(parts.values()), axis=0) for each, parts in zip(pair, each_has, strict=True)]
-    offset = float(np.mean([one.mean() for one in left]))
-    return [parts | {OFFSET: parts[OFFSET] + offset} for parts in each_has]
+            parts["ripple"] = _ripple(q, shared, regressed.turn)
+        by_run.append(parts | {"inertia": shared.get("inertia", 0.0) * run.acceleration})
+    left = [run.torque - np.sum(list(parts.values()), axis=0) for run, parts in zip(pair, by_run, strict=True)]
+    offset = float(np.mean([rest.mean() for rest in left]))
+    return [parts | {OFFSET: parts[OFFSET] + offset} for parts in by_run]
 
 
-def _level(pair: Sequence[Pass], found: PassLevels, direction: float) -> float:
+def _level(pair: Sequence[Pass], regressed: PassLevels, direction: float) -> float:
     """Of the pair: the level at the nearest speed, load and temperature, in its direction where these differ."""
-    levels = found.levels
+    levels = regressed.levels
     own = (levels.direction == direction) | (levels.direction == 0)
-    speed = np.mean([np.abs(each.velocity).mean() for each in pair])
-    load, heat = pair[0].load, np.mean([each.temperature for each in pair])
+    speed = np.mean([np.abs(run.velocity).mean() for run in pair])
+    load, heat = pair[0].load, np.mean([run.temperature for run in pair])
     away = np.abs(np.log(levels.speed / speed)) + np.abs(levels.load - load) / max(float(levels.load.max()), 1e-300)
     away = away + np.nan_to_num(np.abs(levels.temperature - heat)) / 100
     return float(levels.torque[own][np.argmin(away[own])])
@@ -104,35 +95,29 @@ def _ripple(q: FloatArray, shared: Mapping[str, float], turn: float) -> FloatArr
 MOST_SAMPLES = 6000
 
 
-def friction_motion(found: MotionFriction) -> Figure:
+def friction_motion(friction: MotionFriction) -> Figure:
     """Torque less inertia and gravity over velocity, and the regression with its 95 % band; torque over time.
 
-    Dotted lines: speeds that the motion dwells at.  Dashed: with both directions alike and an offset, where the chosen
-    regression has each its own.
+    Dotted lines: speeds that the motion dwells at.  Dashed: with the same numbers in both directions and an offset,
+    where the chosen regression has numbers of each.
     """
-    samples, slides = motion_samples(found), found.motion.slides
-    options = {"height_ratios": (1.7, 1)}
-    figure, ((curve,), (over_time,)) = style.panels(
-        2, 1, (style.WIDE, 6.0), (0.8, 0.25, 0.85, 0.55), (0.0, 0.28), **options
-    )
+    samples, slides = motion_samples(friction), friction.motion.slides
+    figure, panels = style.column(6.0, (1.7, 1), 0.28, sharex=False)
+    curve, over_time = panels
     speed, torque = units(slides)
-    quantity = "force" if slides else "torque"
-    _draw_curve(curve, found, samples)
+    _draw_curve(curve, friction, samples)
     style.label(curve, f"velocity in {speed}", f"friction in {torque}")
-    step = max(1, len(samples.time_s) // MOST_SAMPLES)
-    for values, color, width, name in (
+    style.plot_curves(
+        over_time,
+        samples.time_s,
         (samples.torque, style.MEASURED, 1.0, "measured"),
         (samples.regressed, style.FITTED, 0.8, "regression"),
         (samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"),
-    ):
-        over_time.plot(samples.time_s[::step], values[::step], color=color, lw=width, label=name)
-    style.label(over_time, "time in s", f"{quantity} in {torque}")
-    for axes in (curve, over_time):
-        style.lighten(axes)
-        axes.margins(x=0.01)
-    error = f"{100 * found.chosen.relative_error:.3g} % of the {quantity} left"
-    style.add_title(figure, f"{found.motion.place}: friction over velocity, {error}")
-    style.add_legend(figure, (curve, over_time))
+        part=slice(None, None, max(1, len(samples.time_s) // MOST_SAMPLES)),
+    )
+    style.label(over_time, "time in s", f"{quantity(slides)} in {torque}")
+    error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
+    style.finish(figure, f"{friction.motion.place}: friction over velocity, {error}", panels, panels, 0.01)
     return figure
 
 
@@ -151,26 +136,19 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
     return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 
 
-def _draw_curve(axes: Axes, found: MotionFriction, samples: MotionSamples) -> None:
+def _draw_curve(axes: Axes, motion: MotionFriction, samples: MotionSamples) -> None:
     step = max(1, len(samples.velocity) // MOST_SAMPLES)
-    looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 1.5, "mew": 0, "alpha": 0.5}
-    axes.plot(samples.velocity[::step], samples.friction[::step], **looks, color=style.MEASURED)
+    looks = style.DOTS | {"ms": 1.5, "alpha": 0.5, "color": style.MEASURED}
+    axes.plot(samples.velocity[::step], samples.friction[::step], **looks)
     for sign in (1.0, -1.0):
-        for speed in distinct_speeds([plateau for plateau in found.plateaus if sign * plateau.velocity > 0]):
+        for speed in distinct_speeds([plateau for plateau in motion.plateaus if sign * plateau.velocity > 0]):
             axes.axvline(sign * speed, color=style.NOISE, lw=0.8, ls=":", label="speeds dwelt at")
     for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
-        if found.are_apart:
-            offset = found.alike["offset"] if "offset" in found.alike.names else 0.0
-            axes.plot(
-                v,
-                sliding(found.alike, v)[0] + offset,
-                color=style.TRUTH,
-                lw=0.9,
-                ls="--",
-                label="both directions alike",
-            )
-        friction, std = sliding(found.chosen, v)
-        band = QUANTILE_95 * std
-        axes.fill_between(v, friction - band, friction + band, color=style.FITTED, alpha=0.3, lw=0)
+        if motion.are_apart:
+            offset = motion.alike["offset"] if "offset" in motion.alike.names else 0.0
+            symmetric = sliding(motion.alike, v)[0] + offset
+            axes.plot(v, symmetric, color=style.TRUTH, lw=0.9, ls="--", label="the same in both directions")
+        friction, std = sliding(motion.chosen, v)
+        style.fill_band(axes, v, friction, QUANTILE_95 * std, style.FITTED, 0.3)
         axes.plot(v, friction, color=style.FITTED, lw=1.4, label="regression")

@@ -33,9 +33,8 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
     width = float(np.clip(left + 0.45 + 0.42 * n, 4.5, 11.0))
     panel, below = float(np.clip(5.0 / max(n_m, 1), 0.6, 0.9)), 0.3 + 0.065 * max(map(len, names))
     height = 0.85 + n_m * panel + below
-    figure, panels = style.panels(
-        n_m, 1, (width, height), (left, 0.15, 0.8, below), (0.0, 0.35), sharex=True, sharey=True
-    )
+    margins, options = (left, 0.15, 0.8, below), {"sharex": True, "sharey": True}
+    figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), **options)
     x = np.arange(n)
     colors = [style.START if name.startswith("motor") else style.MEASURED for name in names]
     for m, axes in enumerate(panels.flat):
@@ -62,8 +61,6 @@ MAX_COLUMNS, MIN_COLUMNS = 6, 4
 PANEL_WIDTH, LEFT, ABOVE, BELOW, TITLE = 1.4, 0.45, 0.6, 0.42, 0.35
 # Height of a panel over its width, whatever the robot.
 MIN_ASPECT, MAX_ASPECT = 0.5, 1.3
-# Part of a panel that the motion may fill.
-MAX_FILLED = 1 / 1.08
 # Small print: letters to an inch, lines above a panel; numbers on an axis.
 LETTERS_PER_INCH, MAX_LINES, MAX_TICKS = 15, 3, 4
 WIDTHS: dict[StickKind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
@@ -146,7 +143,7 @@ def _middle(drawing: ModeDrawing, views: Sequence[tuple[tuple[int, int], ...]]) 
     reach = np.abs(drawing.moved.real).max(axis=2)
     low, high = (drawing.points - reach).min(axis=0), (drawing.points + reach).max(axis=0)
     planes = [plane for pair in views for plane in pair]
-    wide, tall = (max(float((high - low)[plane[i]]) for plane in planes) / (2 * MAX_FILLED) for i in (0, 1))
+    wide, tall = (max(float((high - low)[plane[i]]) for plane in planes) / (2 / 1.08) for i in (0, 1))
     wide = max(wide, tall / MAX_ASPECT)
     return (low + high) / 2, np.array([wide, max(tall, MIN_ASPECT * wide)])
 

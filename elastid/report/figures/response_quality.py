@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from elastid.report.figures import style
 from elastid.response import FrequencyResponse, Quality
 
-# Below this, 1 - coherence is rounding.
-MIN_UNEXPLAINED = 1e-16
-
 
 def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
     """RMS amplitude in dB of every output: excited lines, nonlinearities of even and odd order, stochastic, noise.
@@ -40,7 +37,7 @@ def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figu
     figure, ((lost, gains, inputs),) = _panels(1, 3, 2.6)
     f = response.freq_hz
     for i, output in enumerate(response.outputs):
-        unexplained = np.maximum(1 - quality.multiple_coherence[:, i], MIN_UNEXPLAINED)
+        unexplained = np.maximum(1 - quality.multiple_coherence[:, i], 1e-16)  # less is rounding
         lost.plot(f, unexplained, lw=0.8, color=style.SERIES[i % len(style.SERIES)], label=style.plain_label(output))
     lost.set_yscale("log")
     gains.plot(f, style.in_db(quality.singular_values), lw=0.8, color=style.MEASURED)
@@ -55,18 +52,17 @@ def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figu
 
 def _plot_levels(axes: Axes, response: FrequencyResponse, quality: Quality, i: int) -> None:
     f, excited = response.freq_hz, quality.excited
-    points: dict[str, Any] = {"ls": "none", "mew": 0, "marker": "o"}
-    axes.plot(f, style.in_db(excited.amplitude[:, i]), **points, ms=2, color=style.MEASURED, label="excited lines")
+    axes.plot(f, style.in_db(excited.amplitude[:, i]), **style.DOTS, ms=2, color=style.MEASURED, label="excited lines")
     axes.plot(f, style.in_db(excited.noise[:, i]), lw=0.7, color=style.NOISE, label="noise")
     if quality.stochastic is not None:
         axes.plot(f, style.in_db(quality.stochastic[:, i]), lw=0.7, color=style.TOTAL, label="stochastic nonlinear")
-    for found, color, label in (
+    for lines, color, label in (
         (quality.even, style.FITTED, "nonlinear, even"),
         (quality.odd, style.START, "nonlinear, odd"),
     ):
-        if found is not None:
-            level = np.sqrt(np.maximum(found.amplitude[:, i] ** 2 - found.noise[:, i] ** 2, 0.0))
-            axes.plot(found.freq_hz, style.in_db(level), **points, ms=1.4, color=color, label=label)
+        if lines is not None:
+            level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
+            axes.plot(lines.freq_hz, style.in_db(level), **style.DOTS, ms=1.4, color=color, label=label)
 
 
 def _panels(rows: int, columns: int, panel_height: float) -> tuple[Figure, NDArray[Any]]:

@@ -74,25 +74,22 @@ class PanelMatrix:
         return x, np.asarray(bottom[:, None] + self.y_within(values))
 
     def inside(self, values: FloatArray) -> BoolArray:
-        """Which values are within the range of y."""
+        """True of values within the range of y."""
         return np.asarray((values >= self.y[0]) & (values <= self.y[1]))
 
     def curve(self, freq_hz: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One line through all panels, broken between them, where values are not finite and beyond the range of y."""
-        seen = self.inside(values)
-        seen[1:] |= self.inside(values)[:-1]
-        seen[:-1] |= self.inside(values)[1:]
-        x, y = self.placed(freq_hz, np.where(seen, np.clip(values, *self.y), np.nan))
+        shown = self.inside(values)
+        shown[1:] |= self.inside(values)[:-1]
+        shown[:-1] |= self.inside(values)[1:]
+        x, y = self.placed(freq_hz, np.where(shown, np.clip(values, *self.y), np.nan))
         return _joined(x), _joined(y)
 
-    def band(
-        self, low: FloatArray, high: FloatArray, freq_hz: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """x, lower and upper edge of a band through all panels, broken as a curve is; on lines of its own if given."""
-        f = self.freq_hz if freq_hz is None else freq_hz
-        seen = (high >= self.y[0]) & (low <= self.y[1])
-        edges = [np.where(seen, np.clip(edge, *self.y), np.nan) for edge in (low, high)]
-        (x, below), (_, above) = (self.placed(f, edge) for edge in edges)
+    def band(self, freq_hz: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x, lower and upper edge of a band through all panels, broken as a curve is."""
+        shown = (high >= self.y[0]) & (low <= self.y[1])
+        edges = [np.where(shown, np.clip(edge, *self.y), np.nan) for edge in (low, high)]
+        (x, below), (_, above) = (self.placed(freq_hz, edge) for edge in edges)
         return _joined(x), _joined(below), _joined(above)
 
 
@@ -112,34 +109,32 @@ def empty_panels(matrix: PanelMatrix, y_ticks: Sequence[float]) -> tuple[Figure,
     x_ticks = style.round_ticks(low, high, 6 if matrix.columns <= 3 else 3)
     x, y = matrix.x_within(np.array(x_ticks)), matrix.y_within(np.array(y_ticks))
     (width, height), (left, bottom) = matrix.panel, matrix.corners
-    upright = [[(a + at, b), (a + at, b + height)] for a in left for b in bottom for at in x]
-    across = [[(a, b + at), (a + width, b + at)] for a in left for b in bottom for at in y]
+    upright = [[(a + tick, b), (a + tick, b + height)] for a in left for b in bottom for tick in x]
+    across = [[(a, b + tick), (a + width, b + tick)] for a in left for b in bottom for tick in y]
     frames = [[(a, b + height), (a, b), (a + width, b)] for a in left for b in bottom]
     axes.add_collection(LineCollection(upright + across, colors=style.GRID, linewidths=0.4, zorder=0.5))
     axes.add_collection(LineCollection(frames, colors=style.TRUTH, linewidths=0.8, zorder=2.5))
-    for at, value in [(a + at, value) for a in left for at, value in zip(x, x_ticks, strict=True)]:
-        axes.text(at, bottom[-1] - 0.06, f"{value:g}", ha="center", va="top", fontsize=style.SMALL)
-    for at, value in [(b + at, value) for b in bottom for at, value in zip(y, y_ticks, strict=True)]:
+    for place, value in [(a + tick, value) for a in left for tick, value in zip(x, x_ticks, strict=True)]:
+        axes.text(place, bottom[-1] - 0.06, f"{value:g}", ha="center", va="top", fontsize=style.SMALL)
+    for place, value in [(b + tick, value) for b in bottom for tick, value in zip(y, y_ticks, strict=True)]:
         text = f"{value:g}".replace("-", "−")
-        axes.text(left[0] - 0.06, at, text, ha="right", va="center", fontsize=style.SMALL)
+        axes.text(left[0] - 0.06, place, text, ha="right", va="center", fontsize=style.SMALL)
     return figure, axes
 
 
 def name_panels(axes: Axes, matrix: PanelMatrix, rows: Sequence[str], columns: Sequence[str]) -> None:
     """Names of the columns above the first row, of the rows on the right of the last column, read downwards."""
     (width, height), (left, bottom) = matrix.panel, matrix.corners
-    for at, name in zip(left, columns, strict=True):
-        middle, above = at + width / 2, bottom[0] + height + 0.08
+    for edge, name in zip(left, columns, strict=True):
+        middle, above = edge + width / 2, bottom[0] + height + 0.08
         axes.text(middle, above, style.plain(name), ha="center", va="bottom", fontsize=style.NORMAL)
-    for at, name in zip(bottom, rows, strict=True):
-        beside, middle = left[-1] + width + 0.06, at + height / 2
-        axes.text(beside, middle, style.plain(name), rotation=270, va="center", fontsize=style.NORMAL)
+    for edge, name in zip(bottom, rows, strict=True):
+        right, middle = left[-1] + width + 0.06, edge + height / 2
+        axes.text(right, middle, style.plain(name), rotation=270, va="center", fontsize=style.NORMAL)
 
 
 # The y range ends at most so many dB below the points that count, and below the highest.
 NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
-# The band of the model ends at this part of |G|.
-MIN_BAND = 1e-3
 
 
 # The noun of an input by its unit.
@@ -147,7 +142,7 @@ INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
 
 
 def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
-    """Name, angles of the driven joints, and whether the configuration was fitted; of a structure the name."""
+    """Name, angles of the driven joints, and if the configuration was fitted; of a structure the name."""
     if not measured.configuration.angles.size:
         return measured.configuration.name
     angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
@@ -179,17 +174,12 @@ def frf_magnitude(
     figure, axes = _empty(measured, matrix, ticks, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
     drawn, spread = (modelled, std) if dense is None else dense
     if drawn is not None and spread is not None:
-        band = matrix.band(*_band_db(drawn.G, spread), drawn.freq_hz)
+        band = matrix.band(drawn.freq_hz, *_band_db(drawn.G, spread))
         axes.fill_between(*band, color=style.FITTED, alpha=0.25, lw=0)
     style.plot_points(axes, *matrix.placed(f, Ghat_db), above, matrix.inside(Ghat_db))
     if drawn is not None and modelled is not None:
-        axes.plot(
-            *matrix.curve(drawn.freq_hz, style.in_db(drawn.G)),
-            color=style.FITTED,
-            lw=1.1,
-            zorder=3,
-            label="fitted model",
-        )
+        curve = matrix.curve(drawn.freq_hz, style.in_db(drawn.G))
+        axes.plot(*curve, color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
         left = matrix.curve(f, style.in_db(measured.G - modelled.G))
         axes.plot(*left, color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
     for label, (std_db, color, dashes) in levels.items():
@@ -275,7 +265,7 @@ def _empty(
 def _band_db(G: ComplexArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """20 log10 of |G| -+ 2 std, not below a thousandth of |G|."""
     magnitude = np.abs(G)
-    return style.in_db(np.maximum(magnitude - 2 * std, MIN_BAND * magnitude)), style.in_db(magnitude + 2 * std)
+    return style.in_db(np.maximum(magnitude - 2 * std, 1e-3 * magnitude)), style.in_db(magnitude + 2 * std)
 
 
 def _db_range(curves_db: Iterable[FloatArray], stds_db: Iterable[FloatArray]) -> tuple[float, float]:
@@ -308,9 +298,9 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
     for i in range(n_y):
         for j in range(n_u):
             magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
-            f, G, kept = measured.freq_hz, measured.G[:, i, j], above[:, i, j]
-            style.plot_points(magnitude, f, style.in_db(G), kept)
-            style.plot_points(phase, f, np.degrees(np.angle(G)), kept)
+            f, G = measured.freq_hz, measured.G[:, i, j]
+            style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
+            style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
             if modelled is not None:
                 spread = None if std is None else std[:, i, j]
                 _draw_model(magnitude, phase, modelled.freq_hz, modelled.G[:, i, j], spread)
@@ -324,9 +314,9 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
 
 def _draw_model(magnitude: Axes, phase: Axes, freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None) -> None:
     if std is not None:
-        size = np.abs(G)
-        ends = style.in_db(np.maximum(size - 2 * std, MIN_BAND * size)), style.in_db(size + 2 * std)
-        magnitude.fill_between(freq_hz, *ends, color=style.FITTED, alpha=0.25, lw=0, label="2 std of the model")
+        magnitude.fill_between(
+            freq_hz, *_band_db(G, std), color=style.FITTED, alpha=0.25, lw=0, label="2 std of the model"
+        )
     magnitude.plot(freq_hz, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
     degrees = np.degrees(np.angle(G))
     wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib import rc_context, rcdefaults
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.escape import figure_label, figure_text
+from elastid.base.statistics import QUANTILE_95
 
 # Okabe and Ito (2008), by role.
 MEASURED = "#0072B2"
@@ -37,10 +38,10 @@ GRID, SHADE = "#DDDDDD", "#EEEEEE"
 TINY, SMALL, NORMAL, LARGE = 5.5, 7.5, 8.5, 10.0
 # Width in inches of figures with many panels.
 WIDE = 9.5
+# Of measured values: points without lines and edges.
+DOTS: dict[str, Any] = {"ls": "none", "marker": "o", "mew": 0}
 # A heat map of more cells has no numbers in them; above this part of its scale a cell is dark.
 MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
-# A response of more lines has smaller points.
-MAX_LARGE_POINTS = 300
 
 
 @contextmanager
@@ -123,8 +124,8 @@ def add_title(figure: Figure, title: str) -> None:
 def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -> None:
     """One legend for all axes, each label once, below the title."""
     entries: dict[str, Artist] = {}
-    for one in axes:
-        handles, labels = one.get_legend_handles_labels()
+    for panel in axes:
+        handles, labels = panel.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
     width, height = figure.get_size_inches()
     figure.legend(
@@ -137,6 +138,46 @@ def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -
         fontsize=SMALL,
         markerscale=markerscale,
     )
+
+
+def column(height: float, ratios: Sequence[float], space: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure of axes one below the other, with heights in these ratios and a legend above them."""
+    size, margins = (WIDE, height), (0.8, 0.25, 0.85, 0.55)
+    figure, axes = panels(len(ratios), 1, size, margins, (0.0, space), sharex=sharex, height_ratios=ratios)
+    return figure, axes[:, 0].tolist()
+
+
+Curve: TypeAlias = tuple[FloatArray, str, float, str]
+
+
+def plot_curves(axes: Axes, x: FloatArray, *curves: Curve, part: slice = slice(None)) -> None:
+    """Curves over a part of one x: values, color, width in points and label of each."""
+    for values, color, width, text in curves:
+        axes.plot(x[part], values[part], color=color, lw=width, label=text)
+
+
+def plot_intervals(axes: Axes, x: FloatArray, y: FloatArray, std: FloatArray, **looks: Any) -> None:
+    """Points with their 95 % intervals."""
+    axes.errorbar(x, y, QUANTILE_95 * std, **DOTS | {"elinewidth": 0.8} | looks)
+
+
+def fill_band(
+    axes: Axes, x: FloatArray, y: FloatArray, half: FloatArray, color: str, alpha: float, **looks: Any
+) -> None:
+    """A band of half-width `half` about y."""
+    axes.fill_between(x, y - half, y + half, color=color, alpha=alpha, lw=0, **looks)
+
+
+def finish(
+    figure: Figure, title: str, axes: Iterable[Axes], legend: Iterable[Axes], margin: float | None = None
+) -> None:
+    """Thin grids, the title, and one legend for all axes of `legend`; margin: on either side of the x axes' data."""
+    for panel in axes:
+        lighten(panel)
+        if margin is not None:
+            panel.margins(x=margin)
+    add_title(figure, title)
+    add_legend(figure, legend)
 
 
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
@@ -174,8 +215,8 @@ def plot_points(
     axes: Axes, x: FloatArray, values: FloatArray, above: BoolArray, shown: BoolArray | None = None
 ) -> None:
     """Measured values (F, ...) at x as points, grey where they are not above 2 sigma; of those that are `shown`."""
-    size = 2.4 if len(x) <= MAX_LARGE_POINTS else 1.6
-    looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": size, "mew": 0, "zorder": 2}
+    size = 2.4 if len(x) <= 300 else 1.6
+    looks = DOTS | {"ms": size, "zorder": 2}
     shown = np.ones(above.shape, bool) if shown is None else shown
     axes.plot(x[above & shown], values[above & shown], **looks, color=MEASURED, label="measured")
     if not above.all():

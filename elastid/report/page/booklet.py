@@ -13,12 +13,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from elastid.base.display import digits, interval_of, number, percent
+from elastid.base.display import digits, number, percent
 from elastid.base.note import NoteGroup
-from elastid.nonlinear.result import FrictionRow, FrictionTakenOut, friction_rows
-from elastid.report.content import ParameterRow, ReportContent, parameter_rows
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
+from elastid.report.content import ParameterRow, ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
+from elastid.report.friction_content import value_cells
 from elastid.report.modes import ModeRow
 from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
 from elastid.validation.twin import describe_balance
@@ -29,9 +30,7 @@ PAPER = (8.27, 11.69)
 MAX_LETTERS, MAX_LINES = 96, 68
 # Letters of a line of the title page, of its title and of its text.
 TITLE_LETTERS, TEXT_LETTERS = 30, 74
-# Inches between a page number and the edges of the paper.
-MARGIN = 0.45
-# Of what stands beside the text.
+# Of provenance and page numbers.
 INK = "#555555"
 # Without names and dates of the writing program the same pages give the same bytes.
 PDF_METADATA = {"Creator": None, "Producer": None, "CreationDate": None}
@@ -50,39 +49,47 @@ def front_pages(content: ReportContent) -> Iterator[Figure]:
     result, agreements = content.result, content.validation.configurations
     rows = parameter_rows(result, content.truth, content.contents)
     status = result.status.replace("_", " ").upper()
-    said = [
+    sentences = [
         summary_line(content),
         f"{status}: {verdict_sentence(result, rows, agreements)}.",
         f"Are the numbers good? {numbers_answer(result, rows)}",
         f"Where does the model fail? {residual_sentence(result, agreements)}",
     ]
-    yield title_page(content.title, said, content.provenance)
-    yield from text_pages(list(_text(content)))
+    yield from pages_of(content.title, sentences, content.provenance, _text(content))
 
 
-def title_page(title: str, said: Sequence[str], provenance: Mapping[str, str]) -> Figure:
-    """Title, what was found in sentences, and where it came from."""
+def front_pages_of_responses(content: ResponsesContent) -> Iterator[Figure]:
+    """The title page, then notes and the tables of peaks and friction."""
+    count = len(content.responses), sum(map(len, content.peaks))
+    sentences = ["Frequency responses of {} configurations, {} resonances.".format(*count)]
+    text = (*heading(content.title, content.notes), *columns(list(_peak_table(content))))
+    yield from pages_of(content.title, sentences, content.provenance, (*text, *friction_text(content.friction)))
+
+
+def pages_of(
+    title: str, sentences: Sequence[str], provenance: Mapping[str, str], text: Iterable[str]
+) -> Iterator[Figure]:
+    """Title, answers in sentences and provenance on a page; lines of text on those after it."""
     figure = Figure(figsize=PAPER)
     large = "\n".join(textwrap.wrap(title, TITLE_LETTERS))
     figure.text(0.1, 0.7, style.plain(large), va="bottom", fontsize=26, weight="bold")
-    text = "\n\n".join("\n".join(textwrap.wrap(sentence, TEXT_LETTERS)) for sentence in said)
-    figure.text(0.1, 0.66, style.plain(text), va="top", fontsize=11, linespacing=1.35)
+    answers = "\n\n".join("\n".join(textwrap.wrap(sentence, TEXT_LETTERS)) for sentence in sentences)
+    figure.text(0.1, 0.66, style.plain(answers), va="top", fontsize=11, linespacing=1.35)
     origin = "\n".join("\n".join(wrapped(f"{name}: {words}")) for name, words in provenance.items())
     figure.text(0.1, 0.08, style.plain(origin), va="bottom", fontsize=style.NORMAL, color=INK, linespacing=1.35)
-    return figure
-
-
-def text_pages(lines: Sequence[str]) -> Iterator[Figure]:
-    """Lines of text on as many pages as they take; lines without an empty one between them stay on one page."""
-    for page in paged(lines, MAX_LINES):
+    yield figure
+    for page in paged(list(text), MAX_LINES):
         figure = Figure(figsize=PAPER)
-        text = style.plain("\n".join(page))
-        figure.text(0.08, 0.95, text, va="top", family="monospace", fontsize=style.NORMAL, linespacing=1.25)
+        lines = style.plain("\n".join(page))
+        figure.text(0.08, 0.95, lines, va="top", family="monospace", fontsize=style.NORMAL, linespacing=1.25)
         yield figure
 
 
 def paged(lines: Sequence[str], most: int) -> list[list[str]]:
-    """Lines on pages of at most so many; a table longer than a page has its head again on the next."""
+    """Lines on pages of at most so many; lines without an empty one between them, as of a table, stay on one page.
+
+    A table longer than a page has its head again on the next.
+    """
     pages: list[list[str]] = [[]]
     for table in (list(group) for empty, group in groupby(lines, key=lambda line: not line) if not empty):
         if pages[-1] and len(pages[-1]) + 1 + len(table) > most:
@@ -101,7 +108,7 @@ def bound(title: str, front: Iterable[Figure], drawn: Sequence[Drawing]) -> byte
     file, pages = io.BytesIO(), list(front)
     known = PDF_METADATA | {"Title": title, "Subject": "Elasticity and friction of a robot, identified by elastid"}
     with PdfPages(file, metadata=known) as pdf, missing_glyphs_allowed():
-        for number, figure in enumerate(chain(pages, (one.draw() for one in drawn)), start=1):
+        for number, figure in enumerate(chain(pages, (drawing.draw() for drawing in drawn)), start=1):
             pdf.savefig(figure, bbox_inches=_numbered(figure, f"{number} / {len(pages) + len(drawn)}"))
     return file.getvalue()
 
@@ -110,9 +117,9 @@ def _numbered(figure: Figure, text: str) -> Bbox:
     """The sheet about a figure, in its inches: A4, upright or lying, larger where the figure is; its number is set."""
     size = figure.get_size_inches()
     sheets = [np.array(paper) * max(1.0, *(size / paper)) for paper in (PAPER, PAPER[::-1])]
-    sheet = min(sheets, key=lambda one: float(one.prod()))
+    sheet = min(sheets, key=lambda size: float(size.prod()))
     low = (size - sheet) / 2
-    right, bottom = (low + sheet * (1, 0) + MARGIN * np.array([-1, 1])) / size
+    right, bottom = (low + sheet * (1, 0) + 0.45 * np.array([-1, 1])) / size
     figure.text(right, bottom, text, ha="right", va="bottom", fontsize=style.SMALL, color=INK)
     return Bbox([low, low + sheet])
 
@@ -128,41 +135,34 @@ def _text(content: ReportContent) -> Iterator[str]:
     rows = parameter_rows(content.result, content.truth, content.contents)
     yield from columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
     yield from friction_text(content.friction)
-    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
-    unit = style.frequency_unit(rate_is_known)
+    unit = style.frequency_unit(all(measured.rate_is_known for measured, _ in content.frf))
     for row in content.modes:
         yield ""
         yield from columns([("configuration", "mode", unit, "damping", "energy in"), *_modes(row)])
 
 
 def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
-    """The table of friction that was taken out, and why some was not; nothing where none was looked for."""
+    """The table of friction that was taken out, and why some was not; nothing where none was searched for."""
     if friction is None:
         return
     yield ""
-    taken = [row for row in friction_rows(friction) if row.level is not None]
-    if taken:
-        table = [("friction taken out at", "unit", "F_c", "std", "95 % interval", "power left")]
-        yield from columns([*table, *map(_friction_row, taken)])
+    table = [("friction taken out at", "unit", "F_c", "std", "95 % interval", "power left")]
+    for row in friction_rows(friction):
+        if row.level is not None and row.std is not None and row.interval is not None:
+            cells = value_cells(row.level, row.std, row.interval)
+            table.append((row.place, row.unit, *cells, percent(row.kept_share)))
+    if len(table) > 1:
+        yield from columns(table)
     for note in friction.notes:
         if note.code != "friction-taken-out":
             yield from wrapped(str(note), "  ")
 
 
-def twin_text(found: TwinFindings) -> Iterator[str]:
-    """What the parts of the model explain of each log, and how far it is off when it is simulated, in words."""
-    for words in (*map(describe_balance, found.balances), *found.run_words):
+def twin_text(twin: TwinFindings) -> Iterator[str]:
+    """Shares of the model's parts in the torque of each log, and errors of the model in simulation, in words."""
+    for words in (*map(describe_balance, twin.balances), *twin.run_words):
         yield ""
         yield from wrapped(words)
-
-
-def _friction_row(row: FrictionRow) -> tuple[str, ...]:
-    assert row.level is not None
-    assert row.std is not None
-    assert row.interval is not None
-    places = digits(row.level, row.std)
-    interval = " … ".join(interval_of(row.interval, places))
-    return row.place, row.unit, number(row.level, places), number(row.std, 2), interval, percent(row.kept_share)
 
 
 def heading(title: str, notes: Sequence[NoteGroup]) -> Iterator[str]:
@@ -182,10 +182,17 @@ def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
 
 
 def _row(row: ParameterRow) -> tuple[str, ...]:
-    places = digits(row.estimate, row.std)
-    interval = " … ".join(interval_of(row.interval, places))
     remark = "; ".join(filter(None, (row.contains, "at its bound" if row.at_bound else "")))
-    return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, remark
+    return row.name, row.unit, *value_cells(row.estimate, row.std, row.interval), remark
+
+
+def _peak_table(content: ResponsesContent) -> Iterator[tuple[str, ...]]:
+    yield "configuration", style.frequency_unit(content.rate_is_known), "95 % interval", "damping", "largest from, to"
+    for response, peaks in zip(content.responses, content.peaks, strict=True):
+        for peak in peaks:
+            frequency, _, interval = value_cells(peak.freq_hz, peak.freq_std, peak.freq95)
+            damping = percent(peak.damping, digits(peak.damping, peak.damping_std))
+            yield response.configuration.name, frequency, interval, damping, f"{peak.input}, {peak.output}"
 
 
 def columns(table: Sequence[Sequence[str]]) -> Iterator[str]:

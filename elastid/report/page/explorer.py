@@ -1,4 +1,4 @@
-"""The interactive FRF matrix of the page: data as 32-bit floats in base64, scripts, and their content policy."""
+"""The interactive parts of the page, response matrix and mode viewer: data, scripts and their content policy."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import base64
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.display import number, percent
 from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.responses import configuration_title
+from elastid.report.modes import ModeDrawing, ModeRow
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
 
@@ -35,25 +36,12 @@ def script_policy(scripts: Iterable[str]) -> str:
     return " ".join(f"'sha256-{digest}'" for digest in digests)
 
 
-# Scripts of a page with curves, in the order in which they need one another.
-SCRIPTS = ("curves.js", "explorer.js", "first_screen.js")
-
-
-@dataclass(frozen=True)
-class Explorer:
-    """data: JSON for a script element.  scripts: texts, in order.  style: CSS."""
-
-    data: str
-    scripts: tuple[str, ...]
-    style: str
-
-
 def explorer(
     pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse | None]],
     left_out: Sequence[str] = (),
     models: Sequence[tuple[FrequencyResponse, FloatArray | None]] = (),
-) -> Explorer:
-    """Response of every configuration, measured and, where there is a model, modelled.
+) -> str:
+    """Data of the response of every configuration, measured and, where there is a model, modelled, as JSON.
 
     models: of each configuration the model on lines of its own, among them the measured ones, and its standard
     deviation (L, n_y, n_u); else each model is drawn on the measured lines.
@@ -67,12 +55,13 @@ def explorer(
             for (measured, modelled), dense in zip(pairs, models or (None,) * len(pairs), strict=True)
         ],
     }
-    return Explorer(embedded_json(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
+    return embedded_json(content)
 
 
 def curve_scripts() -> tuple[str, ...]:
-    """The plotting library and the page's own scripts, in order."""
-    return asset("uplot", "uPlot.iife.min.js"), *(asset(name) for name in SCRIPTS)
+    """Scripts of a page with curves: the plotting library and the page's own, in the order of their dependence."""
+    own = ("curves.js", "explorer.js", "first_screen.js")
+    return asset("uplot", "uPlot.iife.min.js"), *map(asset, own)
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
@@ -92,7 +81,7 @@ def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
         _curve("total", "std of noise + nonlinear", style.TOTAL, ["total"], width=1, dash=[2, 3]),
         _curve("model", "std of the model", style.START, ["std"], width=1, dash=[8, 3, 2, 3]),
     ]
-    phase = [one | {"key": f"{one['key']}_phase"} for one in (measured, fitted)]
+    phase = [curve | {"key": f"{curve['key']}_phase"} for curve in (measured, fitted)]
     ratio = _curve("ratio", "residual / std", style.MEASURED, ["G", "model", "noise"], points=True, ranged=True)
     coherence = _curve("coherence", "coherence", style.NOISE, ["coherence"], points=True, ranged=True)
     decibel = f"magnitude, dB re 1 {style.pretty_unit(response.unit)}"
@@ -138,3 +127,51 @@ def _packed(values: FloatArray | ComplexArray) -> str:
     """(n, n_y, n_u) as 32-bit floats, element by element, real before imaginary part, little end first, in base64."""
     single = "<c8" if np.iscomplexobj(values) else "<f4"
     return base64.b64encode(np.ascontiguousarray(values.transpose(1, 2, 0)).astype(single).tobytes()).decode("ascii")
+
+
+# To the size of the robot.
+STEPS = 5000
+
+
+def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:
+    """Data of every mode of the rows of the page's table as JSON; empty where no row has a drawing."""
+    if all(row.drawing is None for row in rows):
+        return ""
+    content = {
+        "colors": {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED},
+        "rows": [_mode_row(row, "Hz" if rate_is_known else "of the sampling rate") for row in rows],
+    }
+    return embedded_json(content)
+
+
+def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
+    drawing = row.drawing
+    if drawing is None:
+        return None
+    step = float(f"{np.ptp(drawing.points, axis=0).max() / STEPS:.4g}")
+    return {
+        "step": step,
+        "points": _whole(drawing.points, step),
+        "links": drawing.links,
+        "joints": drawing.joints,
+        "down": drawing.up if drawing.hanging else -1,
+        "modes": [_mode_content(row, drawing, mode, step, unit) for mode in range(len(row.frequency_hz))],
+    }
+
+
+def _mode_content(row: ModeRow, drawing: ModeDrawing, mode: int, step: float, unit: str) -> Mapping[str, Any]:
+    title = f"{row.configuration}, mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, "
+    title += f"{percent(row.damping_ratio[mode])} damping"
+    moved = drawing.moved[:, :, mode]
+    return {
+        "title": title,
+        "energy": row.energy_text[mode],
+        "views": drawing.views(mode),
+        "re": _whole(moved.real, step),
+        "im": _whole(moved.imag, step),
+    }
+
+
+def _whole(values: FloatArray, step: float) -> list[int]:
+    """(n, 3) in whole steps, point by point."""
+    return np.round(values / step).astype(int).ravel().tolist()

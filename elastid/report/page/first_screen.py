@@ -51,33 +51,34 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
 
 def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow]) -> Markup:
     """The robot at rest; a title on each joint says its numbers and their intervals."""
-    at = _projected(drawing)
+    points = _projected(drawing)
     by_name = {row.name: row for row in rows}
     parts = [
-        f'<line x1="{at[a][0]:.1f}" y1="{at[a][1]:.1f}" x2="{at[b][0]:.1f}" y2="{at[b][1]:.1f}" '
+        f'<line x1="{points[a][0]:.1f}" y1="{points[a][1]:.1f}" x2="{points[b][0]:.1f}" y2="{points[b][1]:.1f}" '
         f'class="stick" stroke-width="{STICKS[kind]}"/>'
         for a, b, kind in drawing.links
     ]
-    x, y = at[0]
+    x, y = points[0]
     parts.append(f'<path class="base" d="M{x - 16:.1f} {y:.1f}h32l-5 9h-22z"/>')
     for point, names in zip(drawing.joints, joint_groups(robot), strict=True):
-        parts.append(_joint(at[point], names, by_name))
-    width, height = (float(np.ptp(at[:, axis])) + 2 * MARGIN for axis in (0, 1))
+        parts.append(_joint(points[point], names, by_name))
+    width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
     words = "The robot, its joints coloured by the width of their intervals"
     # Every text within is escaped.
     return Markup(f'<svg class="robot" role="img" aria-label="{words}" {box}>{"".join(parts)}</svg>')
 
 
-def _joint(at: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
+def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     own = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
     level = max(map(width_class, [row for row in own if not row.name.startswith("fm")]), default=None)
-    said = ", ".join(f"{row.name} ±{percent(half_width(row))}" for row in own) or "nothing identified here"
-    look = "held" if level is None else f"w{level}"
+    widths = ", ".join(f"{row.name} ±{percent(half_width(row))}" for row in own) or "nothing identified here"
+    css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
     return (
-        f'<g><title>{label}: {escape(said)}</title><circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="8" class="{look}"/>'
-        f'<text x="{at[0] + 12:.1f}" y="{at[1] + 4:.1f}">{label}</text></g>'
+        f"<g><title>{label}: {escape(widths)}</title>"
+        f'<circle cx="{point[0]:.1f}" cy="{point[1]:.1f}" r="8" class="{css_class}"/>'
+        f'<text x="{point[0] + 12:.1f}" y="{point[1] + 4:.1f}">{label}</text></g>'
     )
 
 
@@ -89,14 +90,12 @@ def _projected(drawing: ModeDrawing) -> FloatArray:
     x = p[:, right] * np.cos(AZIMUTH) + p[:, depth] * np.sin(AZIMUTH)
     away = p[:, depth] * np.cos(AZIMUTH) - p[:, right] * np.sin(AZIMUTH)
     y = (-1.0 if drawing.hanging else 1.0) * p[:, up] * np.cos(ELEVATION) + away * np.sin(ELEVATION)
-    seen = np.stack([x - x.min(), y.max() - y], axis=1)
-    return np.asarray(MARGIN + seen * (SIZE - 2 * MARGIN) / max(float(np.ptp(seen, axis=0).max()), 1e-9))
+    view = np.stack([x - x.min(), y.max() - y], axis=1)
+    return np.asarray(MARGIN + view * (SIZE - 2 * MARGIN) / max(float(np.ptp(view, axis=0).max()), 1e-9))
 
 
 # The axis of the table reaches at least and at most so far to either side, as a ratio to the estimate.
 MIN_REACH, MAX_REACH = 1.02, 100.0
-# A correlation that the table names.
-MIN_CORRELATION = 0.5
 # Pixels of the drawing of an interval.
 BAR_WIDTH = 120.0
 
@@ -125,12 +124,12 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
 
 def correlated(result: FitResult) -> dict[str, tuple[str, float]]:
     """Of each free parameter the one whose estimate is most correlated with its own, and how; "" below 0.5."""
-    names, found = result.parameters.free_names, {}
-    others = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
+    names, partners = result.parameters.free_names, {}
+    correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
     for i, name in enumerate(names):
-        j = int(np.argmax(np.abs(others[i])))
-        found[name] = (names[j], float(others[i, j])) if abs(others[i, j]) >= MIN_CORRELATION else ("", 0.0)
-    return found
+        j = int(np.argmax(np.abs(correlation[i])))
+        partners[name] = (names[j], float(correlation[i, j])) if abs(correlation[i, j]) >= 0.5 else ("", 0.0)
+    return partners
 
 
 def meanings(content: ReportContent) -> dict[str, str]:

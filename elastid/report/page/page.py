@@ -5,37 +5,50 @@ from __future__ import annotations
 import base64
 import io
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
+from elastid.base.escape import file_names
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.base.note import grouped
 from elastid.nonlinear.result import friction_rows
-from elastid.report.content import ReportContent, parameter_rows
-from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
+from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
+from elastid.report.figures import style
+from elastid.report.figures.drawings import (
+    CONFIGURATION,
+    Drawing,
+    drawings,
+    friction_drawings,
+    quality_drawings,
+    response_drawings,
+)
+from elastid.report.figures.responses import configuration_title
 from elastid.report.figures.style import own_style
-from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
-from elastid.report.page.explorer import asset, explorer, script_policy
+from elastid.report.page.booklet import (
+    PDF_METADATA,
+    bound,
+    front_pages,
+    front_pages_of_responses,
+    missing_glyphs_allowed,
+)
+from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
-from elastid.report.page.mode_viewer import mode_viewer
 from elastid.response import FrequencyResponse
 
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
-# A picture has so many colors: less than half of the bytes, without a visible difference.
-MAX_COLORS = 256
 # Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
 # then stays below 10 MB.
 MAX_FIGURE_BYTES = 1_200_000
@@ -43,7 +56,7 @@ MAX_FIGURE_BYTES = 1_200_000
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """A figure of the page: PNG in base64, empty where it is only in a file beside the page, or in none."""
+    """A figure of the page: PNG in base64, empty where it is only in a file, or in none."""
 
     name: str
     section: str
@@ -52,7 +65,6 @@ class EmbeddedFigure:
     file: str = ""
 
 
-@own_style()
 def write_report(
     content: ReportContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
@@ -61,21 +73,25 @@ def write_report(
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    embedded = write_figures(content.title, drawings(content), front_pages(content), folder, formats, execution)
-    page = folder / "report.html"
-    write_whole(page, html(content, embedded).encode("utf-8"))
-    return page
+    page, front = partial(html, content), front_pages(content)
+    return write_page(content.title, page, drawings(content), front, folder, formats, execution)
 
 
-def write_figures(
+@own_style()
+def write_page(
     title: str,
+    page: Callable[[list[EmbeddedFigure]], str],
     drawn: Iterable[Drawing],
     front: Iterable[Figure],
     folder: Path,
     formats: Collection[FigureFormat],
     execution: Execution | None = None,
-) -> list[EmbeddedFigure]:
-    """folder/figures/* anew, and folder/report.pdf with the front pages before them; the same as figures of a page."""
+    name: str = "report.html",
+) -> Path:
+    """The figures and the front pages of one content as folder/`name` and, with pdf, as folder/report.pdf.
+
+    page(figures): its HTML.  folder/figures/* are replaced.
+    """
     figures, paper = clear_folder(folder, "figures"), folder / "report.pdf"
     paper.unlink(missing_ok=True)
     figures.mkdir(parents=True)
@@ -84,7 +100,8 @@ def write_figures(
     embedded = (execution or Execution()).ordered(write, todo)
     if "pdf" in formats:
         write_whole(paper, bound(title, front, todo))
-    return within(embedded, MAX_FIGURE_BYTES)
+    write_whole(folder / name, page(within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
+    return folder / name
 
 
 @own_style()
@@ -116,21 +133,21 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.left_out]
-    frf = explorer(content.frf, left_out, _models(content)) if content.frf else None
+    responses = explorer(content.frf, left_out, _models(content)) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
-    scripts = [*(frf.scripts if frf else [asset("first_screen.js")]), *([modes.script] if modes else ())]
+    scripts = curve_scripts() if responses else (asset("first_screen.js"),)
     rows = parameter_rows(content.result, content.truth, content.contents)
-    return template("template.html.j2").render(
-        content=content,
+    return render(
+        "template.html.j2",
+        content,
+        figures,
+        responses,
+        (*scripts, asset("mode_viewer.js")) if modes else scripts,
         result=content.result,
         rows=rows,
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
-        figures=figures,
-        explorer=frf,
         mode_viewer=modes,
-        scripts=scripts,
-        policy=script_policy(scripts),
         hz="Hz" if rate_is_known else "units of the sampling rate",
         axis=row_axis(rows),
         **first_screen(content, rows),
@@ -145,8 +162,15 @@ def _models(content: ReportContent) -> tuple[tuple[FrequencyResponse, FloatArray
     return tuple((modelled, each) for (_, modelled), each in zip(content.frf, std, strict=True))
 
 
-def template(name: str) -> Template:
-    """A template of this package with the filters for numbers."""
+def render(
+    template: str,
+    content: Any,
+    figures: Collection[EmbeddedFigure],
+    curves: str = "",
+    scripts: Sequence[str] = (),
+    **values: Any,
+) -> str:
+    """A page of a template of this package; curves: data of the explorer, values: further names."""
     environment = Environment(
         loader=PackageLoader("elastid.report", "page"),
         autoescape=True,
@@ -155,9 +179,16 @@ def template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
-    environment.globals["asset"] = asset
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
-    return environment.get_template(name)
+    return environment.get_template(template).render(
+        {"mode_viewer": ""} | values,
+        asset=asset,
+        content=content,
+        figures=figures,
+        explorer=curves,
+        scripts=scripts,
+        policy=script_policy(scripts),
+    )
 
 
 def rendered(figure: Figure, kind: FigureFormat) -> bytes:
@@ -170,7 +201,8 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
         figure.savefig(buffer, format="rgba", dpi=DPI)
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
     image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
-    few = image.convert("RGB").quantize(MAX_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    # 256 colors take less than half of the bytes, without a visible difference.
+    few = image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     file = io.BytesIO()
     few.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
     return file.getvalue()
@@ -190,3 +222,27 @@ def write_whole(path: Path, data: bytes) -> None:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_page_of_responses(
+    content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+) -> Path:
+    """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
+    page, front = partial(html_of_responses, content), front_pages_of_responses(content)
+    return write_page(content.title, page, _response_drawings(content), front, folder, formats, execution)
+
+
+def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
+    """The page; every text from a study or a file is escaped."""
+    responses = explorer([(response, None) for response in content.responses])
+    unit = style.frequency_unit(content.rate_is_known)
+    return render("responses.html.j2", content, figures, responses, curve_scripts(), frequency_unit=unit)
+
+
+def _response_drawings(content: ResponsesContent) -> Iterator[Drawing]:
+    yield from friction_drawings(content.friction)
+    files = file_names([response.configuration.name for response in content.responses], "frf")
+    for file, response in zip(files, content.responses, strict=True):
+        title = configuration_title(response, left_out=False)
+        yield from response_drawings(file, response, None, title)
+        yield from quality_drawings(file, response, title)

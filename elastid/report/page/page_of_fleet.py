@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.figures.fleet import fleet_parameter
-from elastid.report.page.page import FigureFormat, template, write_figures, write_whole
+from elastid.report.page.page import FigureFormat, render, write_page
 from elastid.validation.fleet import Finding, FleetValue
+
+
+def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
+    """One column a robot, its its dates from left to right; marked: robots with a finding."""
+    figure, panels = style.panels(1, 1, (style.WIDE, 3.2), (0.8, 0.25, 0.85, 0.9), (0.0, 0.0))
+    axes = panels[0, 0]
+    robots = list(dict.fromkeys(value.robot for value in values))
+    days = sorted({value.day for value in values})
+    width = 0.6 / max(1, len(days))
+    for is_marked in (False, True):
+        own = [value for value in values if (value.robot in marked) == is_marked]
+        if not own:
+            continue
+        x = [robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own]
+        looks = {"ms": 2.5, "elinewidth": 0.9, "color": style.FITTED if is_marked else style.TOTAL}
+        text = "differs or drifts" if is_marked else "robot, dates from left to right"
+        y, std = np.array([(value.value, value.std) for value in own]).T
+        style.plot_intervals(axes, np.array(x), y, std, **looks, label=text)
+    names_fit = len(robots) <= 40
+    if names_fit:
+        style.set_names(axes.xaxis, robots, rotation=90)
+    style.label(axes, "" if names_fit else "robot", f"{style.plain(name)} in {style.pretty_unit(unit)}")
+    style.finish(figure, f"{name} over the fleet", [axes], [axes])
+    return figure
 
 
 @dataclass(frozen=True)
@@ -24,7 +51,7 @@ class Outcome:
 
     @property
     def failed(self) -> bool:
-        """Whether it left no numbers."""
+        """True where it has no numbers."""
         return self.status in ("failed", "died")
 
     @property
@@ -35,7 +62,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FleetContent:
-    """What a fleet shows.
+    """Parameters of the robots of a fleet over dates, and their findings.
 
     units: of the parameters.  rate: false discovery rate of the findings.  made_by: versions and platform, in words.
     """
@@ -50,24 +77,22 @@ class FleetContent:
 
     @property
     def verdict(self) -> str:
-        """What was found, in a sentence."""
-        robots = len({each.robot for each in self.outcomes})
-        done = sum(not each.failed for each in self.outcomes)
-        told = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
+        """The findings in a sentence."""
+        robots = len({outcome.robot for outcome in self.outcomes})
+        done = sum(not outcome.failed for outcome in self.outcomes)
+        count = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
         if not self.findings:
-            return told + "no parameter differs or drifts beyond its interval."
+            return count + "no parameter differs or drifts beyond its interval."
         first = "; ".join(finding.words for finding in self.findings[:3])
         more = f"; and {len(self.findings) - 3} more" if len(self.findings) > 3 else ""
-        return f"{told}{first}{more}."
+        return f"{count}{first}{more}."
 
 
 def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
     """folder/fleet.html and folder/figures/*.png; the path of the page."""
+    page = partial(render, "fleet.html.j2", content)
     formats: tuple[FigureFormat, ...] = ("png",)
-    figures = write_figures(content.title, _drawings(content), (), folder, formats)
-    page = folder / "fleet.html"
-    write_whole(page, template("fleet.html.j2").render(content=content, figures=figures).encode("utf-8"))
-    return page
+    return write_page(content.title, page, _drawings(content), (), folder, formats, name="fleet.html")
 
 
 def _drawings(content: FleetContent) -> Iterator[Drawing]:

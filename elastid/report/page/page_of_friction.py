@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,29 +20,27 @@ from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
 from elastid.report.figures.drawings import JOINT, friction_study_drawings
 from elastid.report.figures.friction_curve import DIRECTIONS, Condition, law_band, law_directions, units
-from elastid.report.figures.style import own_style
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
-from elastid.report.page.booklet import columns, heading, text_pages, title_page, twin_text, wrapped
-from elastid.report.page.explorer import Explorer, asset, curve_scripts, script_policy
-from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
+from elastid.report.page.booklet import columns, heading, pages_of, twin_text, wrapped
+from elastid.report.page.explorer import curve_scripts
+from elastid.report.page.page import EmbeddedFigure, FigureFormat, render, write_page
 
-POINTS = 120
 # Key and label of a direction.
 NAMES = {0.0: ("", ""), 1.0: ("_ahead", ", positive direction"), -1.0: ("_back", ", negative direction")}
 
 
-def friction_explorer(joints: Iterable[JointFriction]) -> Explorer | None:
-    """Levels and law of every joint over speed, with their 95 % intervals; None where no joint has a law."""
+def friction_explorer(joints: Iterable[JointFriction]) -> str:
+    """Levels and law of every joint over speed with 95 % intervals as JSON; empty where no joint has a law."""
     laws = [(joint.joint, joint.static) for joint in joints if joint.static is not None]
     if not laws:
-        return None
+        return ""
     quantity = {"title": "friction", "unit": "", "digits": None, "curves": _looks()}
     content = {
         "frequency_unit": "rad/s",
         "quantities": {"friction": quantity},
         "responses": [_curve(name, law) for name, law in laws],
     }
-    return Explorer(embedded_json(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
+    return embedded_json(content)
 
 
 def _looks() -> list[Mapping[str, Any]]:
@@ -63,20 +62,20 @@ def _looks() -> list[Mapping[str, Any]]:
 
 def _curve(name: str, law: StaticLaw) -> Mapping[str, Any]:
     levels, condition = law.levels, Condition.typical(law.levels)
-    here = condition.here(law)
-    grid = np.geomspace(levels.speed.min(), levels.speed.max(), POINTS)
-    speed = np.unique(np.concatenate([grid, levels.speed[here]]))
+    on_curve = condition.includes(law)
+    grid = np.geomspace(levels.speed.min(), levels.speed.max(), 120)
+    speed = np.unique(np.concatenate([grid, levels.speed[on_curve]]))
     curves: dict[str, list[float | None]] = {}
-    for direction in sorted(set(levels.direction[here].tolist())):
-        own = here & (levels.direction == direction)
-        at, key = np.searchsorted(speed, levels.speed[own]), NAMES[direction][0]
-        curves[f"level{key}"] = _placed(len(speed), at, levels.torque[own])
-        curves[f"half{key}"] = _placed(len(speed), at, QUANTILE_95 * levels.std[own])
+    for direction in sorted(set(levels.direction[on_curve].tolist())):
+        own = on_curve & (levels.direction == direction)
+        lines, key = np.searchsorted(speed, levels.speed[own]), NAMES[direction][0]
+        curves[f"level{key}"] = _placed(len(speed), lines, levels.torque[own])
+        curves[f"half{key}"] = _placed(len(speed), lines, QUANTILE_95 * levels.std[own])
     for direction in law_directions(law):
         torque, half = law_band(law, condition.at(speed, direction))
-        for what, values in (("law", torque), ("low", torque - half), ("high", torque + half)):
-            curves[f"{what}{NAMES[direction][0]}"] = _rounded(values)
-    highest = float((levels.torque + QUANTILE_95 * levels.std)[here].max())
+        for key, values in (("law", torque), ("low", torque - half), ("high", torque + half)):
+            curves[f"{key}{NAMES[direction][0]}"] = _rounded(values)
+    highest = float((levels.torque + QUANTILE_95 * levels.std)[on_curve].max())
     unit_of_speed, unit = units(levels.slides)
     return {
         "title": f"{name} {condition.text(law)}".rstrip(),
@@ -90,10 +89,10 @@ def _curve(name: str, law: StaticLaw) -> Mapping[str, Any]:
     }
 
 
-def _placed(n: int, at: FloatArray, values: FloatArray) -> list[float | None]:
-    """n values, nothing but at `at`."""
+def _placed(n: int, lines: FloatArray, values: FloatArray) -> list[float | None]:
+    """n values, None on all but these lines."""
     row: list[float | None] = [None] * n
-    for i, value in zip(at.tolist(), _rounded(values), strict=True):
+    for i, value in zip(lines.tolist(), _rounded(values), strict=True):
         row[int(i)] = value
     return row
 
@@ -112,40 +111,35 @@ SHARED = {
 }
 
 
-@own_style()
 def write_page_of_friction(
     content: FrictionContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
-    """folder/report.html and folder/figures/* anew, with pdf among the formats folder/report.pdf; the page's path."""
-    front = [title_page(content.title, content.answers, content.provenance), *text_pages(list(_text(content)))]
-    drawings = friction_study_drawings(content.result, content.filters, content.twin)
-    figures = write_figures(content.title, drawings, front, folder, formats, execution)
-    page = folder / "report.html"
-    write_whole(page, html_of_friction(content, figures).encode("utf-8"))
-    return page
+    """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
+    front = pages_of(content.title, content.answers, content.provenance, _text(content))
+    drawn = friction_study_drawings(content.result, content.filters, content.twin)
+    return write_page(content.title, partial(html_of_friction, content), drawn, front, folder, formats, execution)
 
 
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
-    shown = friction_explorer(content.result.joints)
-    scripts = shown.scripts if shown else ()
-    return template("friction.html.j2").render(
-        content=content,
+    curves = friction_explorer(content.result.joints)
+    return render(
+        "friction.html.j2",
+        content,
+        figures,
+        curves,
+        curve_scripts() if curves else (),
         result=content.result,
         headings=NUMBER_HEADINGS,
-        rows=[(each, number_cells(each)) for each in content.result.numbers],
+        rows=[(identified, number_cells(identified)) for identified in content.result.numbers],
         shared=shared_numbers,
         refusals=refusals(content.result),
         section=JOINT,
-        figures=figures,
-        explorer=shown,
-        scripts=scripts,
-        policy=script_policy(scripts),
     )
 
 
 def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...]:
-    """What all passes of a joint share, beside friction: name, value, std and unit."""
+    """The numbers that all passes of a joint share, except friction: name, value, std and unit."""
     if joint.levels is None:
         return ()
     torque = "N" if joint.slides else "N*m"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from plants import friction_study as study
 from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair, report_content
 
-from elastid.report.figures.drawings import drawings
+from elastid.report.figures.drawings import drawings, friction_study_drawings
 from elastid.validation.agreement import validate
 
 
@@ -33,3 +34,13 @@ def test_configurations_whose_names_differ_in_case_or_spaces_have_files_of_their
     content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]))
     names = [one.name for one in drawings(content) if one.name.endswith("-phase")]
     assert names == ["frf-reach-phase", "frf-Reach-2-phase", "frf-a-b-phase", "frf-a-b-4-phase"]
+
+
+def test_every_joint_has_the_figures_of_what_was_measured() -> None:
+    """In files that every system can write."""
+    figures = list(friction_study_drawings(study.friction_result()))
+    assert [figure.name for figure in figures] == [
+        "friction-elbow-curve", "friction-elbow-pass", "friction-elbow-loops", "friction-elbow-at-rest",
+        "friction-elbow-warm-up", "friction--lift--motion",
+    ]  # fmt: skip
+    assert [figure.section for figure in figures[-2:]] == ["joint elbow", "joint <lift>"]

@@ -13,10 +13,10 @@ from plants import friction_study as study
 from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair
 
-from elastid.report.page.page import html
+from elastid.report.content import ResponsesContent
+from elastid.report.page.page import html, html_of_responses
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
 from elastid.report.page.page_of_friction import html_of_friction
-from elastid.report.page.page_of_responses import ResponsesContent, html_of_responses
 from elastid.validation.fleet import FleetValue, find_changes
 
 # What a reader of the screen needs, as one sentence for each fault.

@@ -11,10 +11,10 @@ from plants.report_values import pair, report_content
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.nonlinear.result import FrictionTakenOut
+from elastid.report.content import ResponsesContent
 from elastid.report.figures.drawings import drawings
 from elastid.report.page.booklet import front_pages
-from elastid.report.page.page import html
-from elastid.report.page.page_of_responses import ResponsesContent, html_of_responses
+from elastid.report.page.page import html, html_of_responses
 
 
 def page(friction: FrictionTakenOut | None) -> str:

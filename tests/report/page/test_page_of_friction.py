@@ -72,7 +72,7 @@ def test_notes_stand_once_and_names_cannot_run(page: str) -> None:
 def test_the_explorer_has_the_levels_and_the_law_of_both_directions() -> None:
     shown = friction_explorer(study.friction_result().joints)
     assert shown is not None
-    (curve,) = json.loads(shown.data)["responses"]
+    (curve,) = json.loads(shown)["responses"]
     law = study.law()
     for key, sign in (("_ahead", 1.0), ("_back", -1.0)):
         own = law.levels.direction == sign
