@@ -25,7 +25,9 @@ from elastid.model.parallel_linkage.approximations import elastic_joints_within,
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
-from elastid.store import Checkpoint, keep_checksums, read_responses
+from elastid.store.checkpoint import Checkpoint
+from elastid.store.files import keep_checksums
+from elastid.store.measured import read_responses
 from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted

@@ -15,8 +15,10 @@ from elastid.export.intervals import interval_lines
 from elastid.export.observer import Observer, write_observers
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
-from elastid.store import read_fit, read_friction, read_responses, text_file
+from elastid.store.files import text_file
 from elastid.store.friction_study import read_filter, read_friction_result
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit
 
 # The targets that are no other tool's: elastid's own, and the filter of a study of friction.
 ROBOT, OBSERVER = "robot", "observer"

@@ -23,10 +23,13 @@ from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
 from elastid.report.friction_content import friction_rows, refusals
-from elastid.store import described as described_artefact
-from elastid.store import is_as_written, is_intact, kind_of, read_fit, read_friction
+from elastid.store.artefacts import kind_of
+from elastid.store.files import is_as_written, is_intact
 from elastid.store.friction_study import FRICTION, read_friction_result
-from elastid.store.json_values import SCHEMA
+from elastid.store.kinds import SCHEMA
+from elastid.store.measured import read_friction
+from elastid.store.reading import described as described_artefact
+from elastid.store.results import read_fit
 
 # Samples that tell whether a signal rises evenly, as a time does.
 _MAX_TIMES = 10_000

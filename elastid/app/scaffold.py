@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.files import unlinked
-from elastid.store import text_file
+from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
 
 DEMO = "serial"

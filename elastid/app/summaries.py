@@ -27,8 +27,8 @@ from elastid.model.stick_figure import stick_figure
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import parameter_rows
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
-from elastid.store import text_file
-from elastid.store.json_values import SCHEMA, json_value
+from elastid.store.files import text_file
+from elastid.store.kinds import SCHEMA, json_value
 from elastid.study import Study
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin import BandBalance, TorqueBalance

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from elastid.app.console import Console
 from elastid.base.execution import Execution
-from elastid.store import Stamp, remove_leftovers, text_file
+from elastid.store.artefacts import Stamp
+from elastid.store.files import remove_leftovers, text_file
 
 if TYPE_CHECKING:
-    from elastid.store import Checkpoint
+    from elastid.store.checkpoint import Checkpoint
 
 # Writes a file at a path, with its stamp where it carries one.
 Write: TypeAlias = Callable[[Path, Stamp], Any]
@@ -63,7 +64,7 @@ class Work:
 
     def checkpoint(self) -> Checkpoint:
         """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
-        from elastid.store import Checkpoint  # brings the solvers, which most stages do not need
+        from elastid.store.checkpoint import Checkpoint  # brings the solvers, which most stages do not need
 
         document = [self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources]]
         remove_leftovers(self.parts)

@@ -11,7 +11,7 @@ from elastid.base.escape import docstring
 from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 _LABEL = '''def label(name):
     """A name as python-control takes it, which refuses dots."""

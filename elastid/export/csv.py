@@ -18,7 +18,7 @@ from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 _COLUMNS = (
     "configuration",

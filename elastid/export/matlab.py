@@ -16,7 +16,7 @@ from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)

@@ -36,7 +36,7 @@ from elastid.export.mujoco_loops import (
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 # Of a robot without loops.
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})

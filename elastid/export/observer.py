@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 
 @dataclass(frozen=True)

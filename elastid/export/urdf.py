@@ -21,7 +21,7 @@ from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 # What the format asks for where a robot's file has no limit.
 UNLIMITED = 1e6

@@ -1,4 +1,4 @@
-"""Values from groups of HDF5: the one reader of all artefacts, by the types that `values` has written them from.
+"""Values from groups of HDF5, and their content as text: the one reader of all artefacts, by the types written.
 
 Whatever a file holds ends in a value of that type or in an exception, which `opened` makes a sentence of: types are
 those of the reader and never of the file, and no count in a file is believed that its data do not have.
@@ -15,16 +15,18 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import mapped
+from elastid.base.arrays import mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label
-from elastid.store.files import opened, plain
+from elastid.store.artefacts import attributes, kind_of, opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
 T = TypeVar("T")
 # Rows of a table of which no column says how many there are.
 _MAX_EMPTY_ROWS = 1_000_000
+# Values that are in memory at a time where a range is found.
+_BLOCK_VALUES = 1 << 20
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
 
 
@@ -205,3 +207,51 @@ def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[
     with opened(path, kind) as file:
         part: T | None = read_value(file, name, annotation) if name in file else None
         return part
+
+
+def described(path: Path | str) -> str:
+    """Groups, variables with axes, shapes, units and values, and the provenance of a file."""
+    kind = kind_of(path) or ""
+    with opened(path, kind) as file:
+        return "\n".join([f"{path}: {kind}, written by elastid", *_content_lines(file, 1)])
+
+
+def _content_lines(group: Any, depth: int) -> Iterator[str]:
+    indent = "  " * depth
+    for name, value in attributes(group).items():
+        if name not in ("elastid", "study"):
+            yield f"{indent}{name} = {value}"
+    for name, item in group.items():
+        if isinstance(item, h5py.Group):
+            yield f"{indent}{name}/"
+            yield from _content_lines(item, depth + 1)
+        elif name != "study":
+            yield f"{indent}{name} {_axes(item)}{_words(item)}{_shown_values(item)}"
+
+
+def _axes(dataset: Any) -> str:
+    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
+        return f"({dataset.size})"
+    # Not by `dataset.dims`: HDF5 takes the type of this attribute on trust, and a damaged one ends the process.
+    labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
+    if labels.shape != (dataset.ndim,):
+        labels = np.full(dataset.ndim, "")
+    words = (each.decode(errors="replace") if isinstance(each, bytes) else str(each) for each in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
+
+
+def _words(dataset: Any) -> str:
+    units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
+    return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
+
+
+def _shown_values(dataset: Any) -> str:
+    if not dataset.size:
+        return ""
+    if dataset.dtype.kind not in "fiubc":
+        return f" = {shown_values(np.asarray(dataset.asstr()[()]))}"
+    if dataset.size <= _BLOCK_VALUES:
+        return f" = {shown_values(np.asarray(dataset[()]))}"
+    n = max(1, _BLOCK_VALUES * len(dataset) // dataset.size)
+    blocks = (dataset[start : start + n] for start in range(0, len(dataset), n))
+    return f" = {shown_range(value_range(blocks), dataset.dtype.kind == 'c')}"

@@ -17,7 +17,8 @@ from elastid.base.display import digits, number
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store import read_friction, read_responses, read_validation, write_records
+from elastid.store.measured import read_friction, read_responses, write_records
+from elastid.store.results import read_validation
 from elastid.study import load, load_robot
 
 

@@ -18,7 +18,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stages import validate as validating
 from elastid.base.execution import in_order, resumed
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 from elastid.study import load
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")

@@ -13,8 +13,8 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.summaries import modes_of, validation_summary
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.store import read_fit, read_responses, read_validation
-from elastid.store.results import read_twin
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit, read_twin, read_validation
 from elastid.study import load
 from elastid.validation.results import Fold
 from elastid.validation.twin_run import MOTION

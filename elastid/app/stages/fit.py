@@ -25,7 +25,8 @@ from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import parameter_rows
 from elastid.robot import Robot
-from elastid.store import read_fit, read_friction, read_responses, write_fit
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit, write_fit
 from elastid.study import Study
 from elastid.validation.agreement import agreement
 

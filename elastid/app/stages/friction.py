@@ -34,7 +34,7 @@ from elastid.report.friction_content import FrictionContent, part_words, refusal
 from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
-from elastid.store import Stamp
+from elastid.store.artefacts import Stamp
 from elastid.store.design import write_pass_reference, write_torque_reference
 from elastid.store.friction_study import (
     FRICTION,

@@ -24,19 +24,10 @@ from elastid.report.page.page import FigureFormat, write_report
 from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
-from elastid.store import (
-    Stamp,
-    read_fit,
-    read_forecast,
-    read_friction,
-    read_peaks,
-    read_plan,
-    read_rehearsal,
-    read_responses,
-    read_stamp,
-    read_validation,
-)
-from elastid.store.results import read_comparison, read_twin
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.design import read_forecast, read_peaks, read_plan, read_rehearsal
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
 from elastid.study import Study
 
 

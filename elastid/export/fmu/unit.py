@@ -33,7 +33,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
-from elastid.store import replacing
+from elastid.store.files import replacing
 
 
 def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
