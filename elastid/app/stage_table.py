@@ -268,7 +268,7 @@ STAGES = (
         values=values("name", "estimator", "text", "report"),
         sources=(Source("estimate"),),
         leaves=("report.html", "figures", "peaks.csv"),
-        function="report_responses:report_responses",
+        function="report:report_responses",
     ),
     Stage(
         name="design",

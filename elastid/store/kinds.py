@@ -1,4 +1,4 @@
-"""Kinds of the fields of a value, by their annotations; the layout of a file, HDF5 or JSON, follows from these alone."""
+"""Kinds of the fields of a value, by their annotations; the layout of a file, HDF5 or JSON, follows from them alone."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from plants.artefacts import same
 from plants.dry_friction import measured
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import VISCOUS, WITH_COULOMB
+from elastid.app.identified_robot import VISCOUS, WITH_COULOMB
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run

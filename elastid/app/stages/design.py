@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from elastid.app.console import Console
-from elastid.app.tables import forecast_table
+from elastid.app.console import Console, forecast_table
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments

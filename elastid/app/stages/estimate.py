@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import friction_line, shaft_couplings
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.display import digits, number
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
@@ -72,6 +72,14 @@ def import_responses(
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
+    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    if robot is None:
+        return None
+    E = robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E
+
+
 def estimate_configuration(
     path: Path,
     configuration: str,
@@ -86,8 +94,10 @@ def estimate_configuration(
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, E)
-    response = replace(response, repairs=_all_repairs(records))
-    return response, {note for record in records for note in record.notes}
+    repairs: Counter[str] = Counter()
+    for record in records:
+        repairs.update(record.repairs)
+    return replace(response, repairs=dict(repairs)), {note for record in records for note in record.notes}
 
 
 def _estimated(
@@ -141,11 +151,23 @@ def _artefacts(
     return Artefacts({"frf.h5": lambda path, stamp: write_responses(path, responses, stamp, friction)}, report)
 
 
-def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for record in records:
-        total.update(record.repairs)
-    return dict(total)
+def friction_line(friction: FrictionTakenOut) -> str:
+    """One line for the terminal: the levels that were taken out; empty where none was."""
+    from elastid.report.friction_content import friction_rows  # brings CasADi, which an estimate does not need
+
+    rows = [row for row in friction_rows(friction) if row.level is not None]
+    parts = [
+        f"{row.place} {number(row.level, digits(row.level, row.std))} ± {row.std:.2g} {row.unit}"
+        for row in rows
+        if row.level is not None and row.std is not None
+    ]
+    if not parts:
+        return ""
+    left = max(row.kept_share for row in rows)
+    return (
+        f"friction taken out of the torque: {', '.join(parts)}; of the power of distortion and noise at most "
+        f"{100 * left:.2g} % is left"
+    )
 
 
 def imported_responses(

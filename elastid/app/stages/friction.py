@@ -7,13 +7,12 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from elastid.app.console import Console
+from elastid.app.console import Console, friction_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
 from elastid.app.stages.measure import measure_parts, part_path, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
-from elastid.app.tables import friction_table
 from elastid.app.work import Artefacts, Work, text
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
@@ -49,7 +48,6 @@ from elastid.store.friction_study import (
     write_levels,
 )
 from elastid.store.results import read_twin
-from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
@@ -171,20 +169,19 @@ def friction(
     work: Work,
 ) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    study = Study(name=name, experiment=experiment, robot=robot, friction=friction)  # for the words of the summary
     joint_levels, measured = read_levels(levels_file), read_friction_records(measure_file)
     simulated, recorded = experiment.simulated, experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
         result = identify_friction(robot, joint_levels, measured, friction, truth)
     except FitError as error:
-        failed = failed_friction(study, str(error))
+        failed = failed_friction(name, str(error))
         return Artefacts({"summary.json": lambda path, stamp: write_summary(path, failed)}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
     twin = TwinFindings(friction_balances(result.joints, measured), runs)
-    content = friction_study_summary(study, result, twin)
+    content = friction_study_summary(name, result, twin)
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
@@ -242,7 +239,7 @@ def conclude(run: Run) -> None:
     missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")
-    meaning = f"these data do not tell {', '.join(missing)}" if missing else "each joint has its curve of friction"
+    meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
 
 

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import contents
-from elastid.app.summaries import modes_of, truth
+from elastid.app.identified_robot import contents, truth
+from elastid.app.summaries import modes_of
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -28,7 +28,6 @@ from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.design import read_forecast, read_peaks, read_plan, read_rehearsal
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
-from elastid.study import Study
 
 
 def report(
@@ -51,7 +50,6 @@ def report(
 
     compare: compare.json, shown where it is of these responses.
     """
-    study = Study(name=name, experiment=experiment, robot=robot, fit=seeded_fit)  # for the words of the page
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted = FittedRobot.of(result, robot, responses, model)
@@ -64,7 +62,7 @@ def report(
         modes=modes_of(fitted),
         study_text=text,
         provenance=work.stamp.shown,
-        truth=truth(study, friction),
+        truth=truth(robot, experiment.simulated, seeded_fit.parameters, friction),
         plan=read_plan(design_file) if design_file is not None else None,
         forecast=read_forecast(design_file) if design_file is not None else None,
         limit_use=read_peaks(design_file) if design_file is not None else None,
@@ -75,7 +73,7 @@ def report(
         dense=dense_models(fitted),
         friction=friction,
         twin=read_twin(validate_file, "validation"),
-        contents=contents(study, friction, result.parameters.free),
+        contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
     )
     return page_artefacts(write_report, content, report, work)
 

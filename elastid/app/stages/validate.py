@@ -9,8 +9,8 @@ from itertools import chain
 from pathlib import Path
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import shaft_couplings
 from elastid.app.identified_robot import with_found_friction
+from elastid.app.stages.estimate import shaft_couplings
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -30,7 +30,6 @@ from elastid.robot import Robot
 from elastid.store.design import read_plan
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, write_validation
-from elastid.study import Study
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
@@ -101,8 +100,7 @@ def validate(
         runs = _twin_runs(own, measure_file, rig, execution) if measure_file is not None else ()
     balances = tuple(balance for each in in_time for balance in each.balances)
     twin = TwinFindings(balances, runs)
-    study = Study(name=name, experiment=experiment, robot=robot)  # for the words of the summary
-    content = validation_summary(study, judged, twin)
+    content = validation_summary(name, judged, twin)
 
     def report(console: Console) -> None:
         for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
