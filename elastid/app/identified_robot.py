@@ -10,7 +10,6 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.parameters import Parameter
-from elastid.report.friction_content import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
@@ -128,6 +127,8 @@ def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Frictio
 
 
 def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
+    from elastid.report.friction_content import friction_rows  # brings the filters of a friction study
+
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):

@@ -26,7 +26,6 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.stick_figure import stick_figure
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow
-from elastid.report.friction_content import friction_rows
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.files import text_file
@@ -38,8 +37,6 @@ from elastid.validation.twin_run import NO_TWIN, TwinFindings
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import MotionFriction
     from elastid.friction_study.result import FrictionResult
-
-CORRELATED = 0.9
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
@@ -284,6 +281,8 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
     """
     if friction is None:
         return None
+    from elastid.report.friction_content import friction_rows  # brings the friction study
+
     entries = []
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
     for i, row in enumerate(friction_rows(friction)):
@@ -312,5 +311,5 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
 
 def _correlations(result: FitResult) -> list[list[Any]]:
     names, r = result.parameters.free_names, result.correlation
-    above = np.argwhere(np.triu(np.abs(r), 1) > CORRELATED)
+    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
     return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]

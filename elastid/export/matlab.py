@@ -154,14 +154,14 @@ def _system(system: Any) -> dict[str, Any]:
     }
 
 
-def _response(freq_hz: Any, G: Any, of: Any) -> dict[str, Any]:
+def _response(freq_hz: Any, G: Any, measured: Any) -> dict[str, Any]:
     return {
-        "configuration": of.configuration.name,
+        "configuration": measured.configuration.name,
         "ResponseData": np.moveaxis(G, 0, 2),
         "Frequency": freq_hz,
         "FrequencyUnit": "Hz",
-        "InputName": np.array(of.inputs, dtype=object),
-        "OutputName": np.array(of.outputs, dtype=object),
+        "InputName": np.array(measured.inputs, dtype=object),
+        "OutputName": np.array(measured.outputs, dtype=object),
         "Ts": 0.0,
     }
 

@@ -25,8 +25,6 @@ from elastid.store.files import USER_BLOCK, is_intact, replacing, write_checksum
 # Version of the layout of all artefacts; a reader reads files of its own version.
 FORMAT = 2
 TEXT = h5py.string_dtype()
-# An attribute holds 64 KB at most: longer texts are datasets.
-_LONG_TEXT = 4096
 # The command that makes an artefact again, by its kind.
 _COMMANDS = {
     "plan": "design",
@@ -181,7 +179,7 @@ def plain(value: Any) -> Any:
 
 def put_text(group: Any, name: str, text: str) -> None:
     """A text as an attribute of a group, a long one as a dataset in it."""
-    if len(text) < _LONG_TEXT:
+    if len(text) < 4096:  # an attribute holds 64 KB at most
         group.attrs[name] = text
     else:
         group.create_dataset(name, data=text, dtype=TEXT)

@@ -12,7 +12,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.design.forecast import LimitUse
 from elastid.experiment.plan.friction import PassReference
 from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
@@ -22,7 +21,7 @@ from elastid.store.reading import read_optional_part, read_part
 from elastid.store.values import write_artefact
 
 if TYPE_CHECKING:
-    from elastid.design.forecast import Forecast
+    from elastid.design.forecast import Forecast, LimitUse
 
 PLAN = "plan"
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
@@ -44,7 +43,7 @@ def write_plan(
     parts = {
         "plan": (plan, Plan),
         "references": (references, tuple[Reference, ...]),
-        "peaks": (peaks, LimitUse),
+        "peaks": (peaks, type(peaks)),
         "forecast": (forecast, type(forecast)),
         "rehearsal": (nearest, Rehearsal),
     }
@@ -58,6 +57,8 @@ def read_plan(path: Path | str) -> Plan:
 
 def read_peaks(path: Path | str) -> LimitUse:
     """The peaks of the rehearsal in plan.h5."""
+    from elastid.design.forecast import LimitUse  # brings the fit, which a reader of the plan does not need
+
     return read_part(path, PLAN, "peaks", LimitUse)
 
 
@@ -68,7 +69,7 @@ def read_rehearsal(path: Path | str) -> Rehearsal:
 
 def read_forecast(path: Path | str) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
-    from elastid.design.forecast import Forecast  # brings the fit, which a reader of the plan does not need
+    from elastid.design.forecast import Forecast  # as above
 
     return read_optional_part(path, PLAN, "forecast", Forecast)
 

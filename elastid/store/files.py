@@ -30,13 +30,8 @@ from elastid.base.files import unlinked
 # The smallest that HDF5 allows.
 USER_BLOCK = 512
 _MARK = b"elastid, SHA-256 of what follows these 512 bytes: "
-_PIECE = 1 << 22
 CHECKSUMS = "checksums.sha256"
-# A run folder and those in it: figures, references.
-FOLDERS_DEEP = 2
 LOCK = ".lock"
-# Windows locks bytes, and keeps others from reading those: the locked byte is far behind the owner's name.
-_BYTE = 1 << 20
 
 
 @contextmanager
@@ -117,7 +112,7 @@ def _digest(path: Path) -> bytes:
     digest = hashlib.sha256()
     with path.open("rb", buffering=0) as file:
         file.seek(USER_BLOCK)
-        while piece := file.read(_PIECE):
+        while piece := file.read(1 << 22):
             digest.update(piece)
     return digest.hexdigest().encode()
 
@@ -134,7 +129,7 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 def is_as_written(path: Path) -> bool | None:
     """True for a file of a run folder that is as it was at `keep_checksums`; None for a file without a checksum."""
     path = path.resolve()
-    for folder in path.parents[:FOLDERS_DEEP]:
+    for folder in path.parents[:2]:  # a run folder and those in it: figures, references
         if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
             return expected == _hash(path)
     return None
@@ -217,7 +212,8 @@ def _lock(file: BinaryIO) -> bool:
         else:
             import msvcrt
 
-            file.seek(_BYTE)
+            # Windows keeps others from reading a locked byte: this one is far behind the owner's name.
+            file.seek(1 << 20)
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
     except (BlockingIOError, PermissionError):
         return False

@@ -23,8 +23,6 @@ from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotat
 from elastid.store.values import NAMES
 
 T = TypeVar("T")
-# Rows of a table of which no column says how many there are.
-_MAX_EMPTY_ROWS = 1_000_000
 # Values that are in memory at a time where a range is found.
 _BLOCK_VALUES = 1 << 20
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
@@ -163,7 +161,7 @@ def _read_rows(group: Any, kind: Kind) -> list[Any]:
             columns[each.name] = _read_column(group[each.name], each.annotation, each.label)
         elif kind_of_annotation(each.annotation).form != "optional":
             columns[each.name] = []
-    if any(len(column) != n for column in columns.values()) or not 0 <= n <= _MAX_EMPTY_ROWS:
+    if any(len(column) != n for column in columns.values()) or not 0 <= n <= 1_000_000:
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
     columns |= {each.name: [None] * n for each in fields_of(kind.type) if each.name not in columns}
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]

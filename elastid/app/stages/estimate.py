@@ -36,9 +36,6 @@ from elastid.store.artefacts import kind_of
 from elastid.store.design import read_plan
 from elastid.store.measured import read_configurations, read_records, read_responses, write_responses
 
-# Angles that differ by more, in rad (positions in m), are another configuration.
-MAX_ANGLE_DIFFERENCE = 1e-3
-
 
 def estimate(
     *, robot: Robot | None, estimator: EstimatorSpec, measure_file: Path, work: Work, design_file: Path | None = None
@@ -49,7 +46,7 @@ def estimate(
     friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(_estimated, measure_file, estimator, lines, friction, E)
+    estimate_one = partial(estimate_configuration, measure_file, spec=estimator, lines=lines, friction=friction, E=E)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, read_configurations(measure_file))
     responses = [response for response, _ in estimates]
@@ -98,18 +95,6 @@ def estimate_configuration(
     for record in records:
         repairs.update(record.repairs)
     return replace(response, repairs=dict(repairs)), {note for record in records for note in record.notes}
-
-
-def _estimated(
-    path: Path,
-    spec: EstimatorSpec,
-    lines: IntArray | None,
-    friction: FrictionTakenOut | None,
-    E: FloatArray | None,
-    configuration: str,
-) -> tuple[FrequencyResponse, set[Note]]:
-    """`estimate_configuration`, the configuration last."""
-    return estimate_configuration(path, configuration, spec, lines, friction, E)
 
 
 def find_friction_of_run(
@@ -216,9 +201,8 @@ def _of_another_run(
     angles, given = response.configuration.angles, configuration.angles
     if robot is None:  # places are names, whatever they were measured on
         return replace(response, configuration=configuration)
-    if angles.shape != configuration.angles.shape or np.any(
-        np.abs(angles - configuration.angles) > MAX_ANGLE_DIFFERENCE
-    ):
+    # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
+    if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
         units = ", ".join(dict.fromkeys(joint.unit for joint in robot.driven))
         raise StudyError(
             f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "

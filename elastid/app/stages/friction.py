@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 from elastid.app.console import Console, friction_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
-from elastid.app.stages.measure import measure_parts, part_path, report_count
+from elastid.app.stages.measure import gather_records, measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
 from elastid.app.work import Artefacts, Work, text
@@ -27,7 +26,6 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.spec import FrictionSpec, LoadSpec
-from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
@@ -104,7 +102,8 @@ def simulate_motions(
     notes: list[Note] = []
 
     def write(path: Path, stamp: Stamp) -> None:
-        write_friction_records(path, _measured_motions(work.parts, rig.motions, notes), rig.warm_ups(), stamp=stamp)
+        records = gather_records(work.parts, rig.motions, lambda part: read_friction_records(part).records, notes)
+        write_friction_records(path, records, rig.warm_ups(), stamp=stamp)
 
     return Artefacts({"records.h5": write}, partial(report_count, notes, len(rig.motions)))
 
@@ -134,14 +133,6 @@ def import_motions(
 
 def _measure_motion(rig: FrictionRig, path: Path, stamp: Stamp, motion: PlannedMotion) -> None:
     write_friction_records(path, [rig.measure(motion)], stamp=stamp)
-
-
-def _measured_motions(folder: Path, motions: Sequence[PlannedMotion], notes: list[Note]) -> Iterator[FrictionRecord]:
-    """The records in the order of the plan, one at a time; their notes are gathered on the way."""
-    for motion in motions:
-        for record in read_friction_records(part_path(folder, motion)).records:
-            notes += record.notes
-            yield record
 
 
 def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:

@@ -13,15 +13,12 @@ from elastid.app.summaries import modes_of
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.export.csv import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
-from elastid.frf.peaks import peaks
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import FigureFormat, write_report
-from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
@@ -104,6 +101,11 @@ def report_responses(
     *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
 ) -> Artefacts:
     """The page, figures and peaks.csv of responses without a robot."""
+    # SciPy's signals, which come with the peaks, take long to load, and the page of a fit does without.
+    from elastid.export.csv import write_peaks
+    from elastid.frf.peaks import peaks
+    from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
+
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
     resonances = tuple(peaks(response) for response in responses)
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.

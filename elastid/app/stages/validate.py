@@ -178,7 +178,7 @@ class _Models:
     """The model of one configuration with its numbers (n_theta,), its parts or None, and the lines (F,) in Hz."""
 
     configuration: str
-    whole: LinearModel
+    linear: LinearModel
     theta: FloatArray
     parts: ModelParts | None
     freq_hz: FloatArray
@@ -207,7 +207,7 @@ def _in_time(
     balances = () if parts is None else elastic_balances(first, net, parts, freq_hz, spec)
     every = chain([net], net_records(records, friction, E))
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
-    return _InTime(replay(every, models.whole, models.theta, band_hz, spec), balances)
+    return _InTime(replay(every, models.linear, models.theta, band_hz, spec), balances)
 
 
 def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:
