@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from elastid.app.console import Console
 from elastid.base.execution import Execution
 from elastid.store.artefacts import Stamp
-from elastid.store.files import remove_leftovers, text_file
+from elastid.store.files import content_hash, remove_leftovers, text_file
 
 if TYPE_CHECKING:
     from elastid.store.checkpoint import Checkpoint
@@ -105,5 +105,4 @@ def file_hash(path: Path) -> str:
     if path.is_dir():
         contents = [[file.name, file_hash(file)] for file in sorted(path.iterdir()) if file.is_file()]
         return hashlib.sha256(json.dumps(contents).encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return content_hash(path)

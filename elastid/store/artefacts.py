@@ -7,11 +7,9 @@ HDF5 cannot close a file that it cannot write: on a full disk it tries again whe
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,7 @@ import numpy as np
 
 from elastid.base.errors import DataError, ElastidError
 from elastid.base.files import require_own_data
-from elastid.store.files import USER_BLOCK, is_intact, replacing, write_checksum
+from elastid.store.files import USER_BLOCK, is_intact, once_per_version, replacing, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.
 FORMAT = 2
@@ -141,14 +139,8 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
         )
 
 
+@once_per_version
 def _require_own_data(path: Path) -> None:
-    """`require_own_data` once for each version of a file: results have thousands of members, and are opened often."""
-    version = os.stat(path)
-    _search_for_foreign_data(path, version.st_ino, version.st_size, version.st_mtime_ns)
-
-
-@lru_cache(maxsize=256)
-def _search_for_foreign_data(path: Path, inode: int, size: int, written_ns: int) -> None:
     with h5py.File(path, "r") as file:
         require_own_data(file)
 

@@ -17,15 +17,17 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import BinaryIO, TextIO, TypeVar
 
 from elastid.base.errors import ElastidError
 from elastid.base.files import unlinked
+
+T = TypeVar("T")
 
 # The smallest that HDF5 allows.
 USER_BLOCK = 512
@@ -85,23 +87,31 @@ def write_checksum(path: Path) -> None:
         file.write(_user_block(digest))
 
 
-def is_intact(path: Path | str) -> bool:
-    """True for a file that is as it was written, or has no checksum. Each version of a file is read once."""
-    version = os.stat(path)
-    return _is_intact(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
+    """A check of a file that is made once for each version of it: results are opened often."""
+    cached = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
+
+    @wraps(check)
+    def checked(path: Path | str) -> T:
+        version = os.stat(path)
+        result: T = cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+        return result
+
+    return checked
+
+
+@once_per_version
+def is_intact(path: Path) -> bool:
+    """True for a file that is as it was written, or has no checksum."""
+    with path.open("rb") as file:
+        head = file.read(USER_BLOCK)
+    return not head.startswith(_MARK) or head == _user_block(_digest(path))
 
 
 def has_checksum(path: Path | str) -> bool:
     """True for a file with a checksum: those of older versions have none, nor those whose first bytes are damaged."""
     with Path(path).open("rb") as file:
         return file.read(len(_MARK)) == _MARK
-
-
-@lru_cache(maxsize=256)
-def _is_intact(path: Path, inode: int, size: int, written_ns: int) -> bool:
-    with path.open("rb") as file:
-        head = file.read(USER_BLOCK)
-    return not head.startswith(_MARK) or head == _user_block(_digest(path))
 
 
 def _user_block(digest: bytes) -> bytes:
@@ -123,7 +133,7 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
     names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
     """
     known = _known(folder)
-    return tuple(name for name in _files(folder, names) if name in known and known[name] != _hash(folder / name))
+    return tuple(name for name in _files(folder, names) if name in known and known[name] != content_hash(folder / name))
 
 
 def is_as_written(path: Path) -> bool | None:
@@ -131,7 +141,7 @@ def is_as_written(path: Path) -> bool | None:
     path = path.resolve()
     for folder in path.parents[:2]:  # a run folder and those in it: figures, references
         if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
-            return expected == _hash(path)
+            return expected == content_hash(path)
     return None
 
 
@@ -139,7 +149,7 @@ def keep_checksums(folder: Path, names: Iterable[str]) -> None:
     """Take down the files as they are now, and forget those that are gone; names: as those of `changed_texts`."""
     known = _known(folder)
     now = {name: digest for name, digest in known.items() if (folder / name).is_file()}
-    now |= {name: _hash(folder / name) for name in _files(folder, names)}
+    now |= {name: content_hash(folder / name) for name in _files(folder, names)}
     if now != known:
         with text_file(folder / CHECKSUMS) as file:
             file.writelines(f"{now[name]}  {name}\n" for name in sorted(now))
@@ -157,10 +167,11 @@ def _files(folder: Path, names: Iterable[str]) -> Iterator[str]:
     for name in names:
         for path in sorted(folder.glob(name)):
             inside = sorted(path.rglob("*")) if path.is_dir() else [path]
-            yield from (each.relative_to(folder).as_posix() for each in inside if each.is_file())
+            yield from (file.relative_to(folder).as_posix() for file in inside if file.is_file())
 
 
-def _hash(path: Path) -> str:
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -42,19 +42,19 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
     """A dataclass of whose fields a group is."""
     attributes, members = dict(group.attrs.items()), set(group)
     known: dict[str, Any] = {}
-    for each in fields_of(kind):
-        content = kind_of_annotation(each.annotation)
+    for field in fields_of(kind):
+        content = kind_of_annotation(field.annotation)
         is_optional = content.form == "optional"
         if is_optional:
             content = kind_of_annotation(content.parts[0])
-        if each.name in members and content.form != "scalar":
-            known[each.name] = _READERS[content.form](group[each.name], content, each.label)
-        elif each.name in attributes:
-            known[each.name] = _scalar(attributes[each.name], content)
-        elif is_optional and each.name not in members:
-            known[each.name] = None
-        elif not each.may_be_empty:
-            known[each.name] = _scalar(group[each.name].asstr()[()], content)
+        if field.name in members and content.form != "scalar":
+            known[field.name] = _READERS[content.form](group[field.name], content, field.label)
+        elif field.name in attributes:
+            known[field.name] = _scalar(attributes[field.name], content)
+        elif is_optional and field.name not in members:
+            known[field.name] = None
+        elif not field.may_be_empty:
+            known[field.name] = _scalar(group[field.name].asstr()[()], content)
     return kind(**known)
 
 
@@ -156,14 +156,14 @@ def _read_rows(group: Any, kind: Kind) -> list[Any]:
     """A table of a dataclass, column by column; a column of which nothing is known is absent."""
     n = _scalar(group.attrs["length"], Kind("scalar", int))
     columns: dict[str, Any] = {}
-    for each in fields_of(kind.type):
-        if each.name in group:
-            columns[each.name] = _read_column(group[each.name], each.annotation, each.label)
-        elif kind_of_annotation(each.annotation).form != "optional":
-            columns[each.name] = []
+    for field in fields_of(kind.type):
+        if field.name in group:
+            columns[field.name] = _read_column(group[field.name], field.annotation, field.label)
+        elif kind_of_annotation(field.annotation).form != "optional":
+            columns[field.name] = []
     if any(len(column) != n for column in columns.values()) or not 0 <= n <= 1_000_000:
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
-    columns |= {each.name: [None] * n for each in fields_of(kind.type) if each.name not in columns}
+    columns |= {field.name: [None] * n for field in fields_of(kind.type) if field.name not in columns}
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 

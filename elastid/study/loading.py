@@ -124,10 +124,10 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
 def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str) -> YamlSource:
     place = Place(2, 0, 0, option)
     data, path = _put(source.data, keys, value.data, option)
-    others = {known: places for known, places in source.places.items() if known[: len(path)] != path}
-    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in others}
+    unchanged = {known: places for known, places in source.places.items() if known[: len(path)] != path}
+    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in unchanged}
     below = {(*path, *keys_below): (place, place) for keys_below in value.places}
-    return YamlSource(data, {**others, **added, **below}, source.text)
+    return YamlSource(data, {**unchanged, **added, **below}, source.text)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:
