@@ -81,7 +81,7 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": 
 def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     sources, described = unit_sources(model)
-    compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
+    compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = []
     for version in (2, 3):
         content = {f"sources/{name}": text for name, text in sources.items() if name not in _other(version)}
