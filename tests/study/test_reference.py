@@ -21,7 +21,7 @@ GIVERS = ("tests/**/*.py", "scripts/**/*.py", "configs/**/*.yml", "elastid/app/t
 # Keys that tests give through a value or a helper from elsewhere, by the file of the test.
 GIVEN_THROUGH_HELPERS = {
     "experiment/test_hardware.py": ("SimulatedSpec.model",),
-    "recorded/test_torque_hold.py": ("ChannelSpec.hold",),
+    "recorded/test_link_side.py": ("ChannelSpec.hold",),
     "recorded/test_responses.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
     "recorded/test_periods.py": ("FileSpec.period_samples",),
     "recorded/test_rig.py": ("RecordedSpec.text",),
