@@ -97,15 +97,15 @@ if TYPE_CHECKING:
     from elastid.robot import Payload as Payload
     from elastid.robot import Rod as Rod
     from elastid.robot import Spring as Spring
-    from elastid.store import read_fit as read_fit
-    from elastid.store import read_plan as read_plan
-    from elastid.store import read_records as read_records
-    from elastid.store import read_responses as read_responses
-    from elastid.store import read_validation as read_validation
-    from elastid.store import write_fit as write_fit
-    from elastid.store import write_records as write_records
-    from elastid.store import write_responses as write_responses
+    from elastid.store.design import read_plan as read_plan
     from elastid.store.friction_study import read_friction_result as read_friction_result
+    from elastid.store.measured import read_records as read_records
+    from elastid.store.measured import read_responses as read_responses
+    from elastid.store.measured import write_records as write_records
+    from elastid.store.measured import write_responses as write_responses
+    from elastid.store.results import read_fit as read_fit
+    from elastid.store.results import read_validation as read_validation
+    from elastid.store.results import write_fit as write_fit
     from elastid.study import LoadedStudy as LoadedStudy
     from elastid.study import Study as Study
     from elastid.study import load_robot as load_robot
@@ -150,16 +150,9 @@ _NAMES = {
     "elastid.friction_study.identify": ("identify_friction",),
     "elastid.friction_study.result": ("FrictionResult",),
     "elastid.store.friction_study": ("read_friction_result",),
-    "elastid.store": (
-        "read_plan",
-        "read_records",
-        "read_responses",
-        "read_fit",
-        "read_validation",
-        "write_records",
-        "write_responses",
-        "write_fit",
-    ),
+    "elastid.store.design": ("read_plan",),
+    "elastid.store.measured": ("read_records", "write_records", "read_responses", "write_responses"),
+    "elastid.store.results": ("read_fit", "write_fit", "read_validation"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

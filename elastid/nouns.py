@@ -35,7 +35,8 @@ from elastid.nonlinear.places import on_shafts
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Robot as RobotValue
-from elastid.store import read_fit, read_records, read_responses
+from elastid.store.measured import read_records, read_responses
+from elastid.store.results import read_fit
 from elastid.study import Study, load_robot
 from elastid.study.checks import check_study
 from elastid.study.messages import Problem, validate

@@ -66,7 +66,7 @@ def _options(*names: str) -> Decorator:
 _RUN_HELP = "Where the results go (default: runs/<name of the study>)."
 _PDF = "report.formats=[png, pdf]"
 _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
-# The keys of export.targets.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
+# The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")

@@ -17,7 +17,7 @@ from functools import partial
 from elastid.app.run import Run, carry_out
 from elastid.base.display import number
 from elastid.base.errors import StudyError
-from elastid.base.execution import in_order, resumed
+from elastid.base.execution import Execution, in_order
 from elastid.base.files import clear_folder, own_path
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
@@ -25,7 +25,9 @@ from elastid.model.parallel_linkage.approximations import elastic_joints_within,
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
-from elastid.store import Checkpoint, keep_checksums, read_responses
+from elastid.store.checkpoint import Checkpoint
+from elastid.store.files import keep_checksums
+from elastid.store.measured import read_responses
 from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
@@ -38,15 +40,15 @@ RESULT = "compare.json"
 PARTIAL = "compare.partial"
 
 
-def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
+def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
     """compare.json, and the report again where there is one.
 
-    others: further studies, whose robots, formulations and parameters are fitted to the responses of `run`, under its
+    further: studies whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
     """
     run.require("fit")  # reads what a comparison reads
     with run.logged():
-        models = list(variants(run.loaded, others))
+        models = list(variants(run.loaded, further))
         if len(models) < 2:
             raise StudyError(
                 f"{run.loaded.path}: there is one model only, the study's own, with nothing that could be left out of "
@@ -69,16 +71,16 @@ def finish(run: Run, comparison: Comparison) -> None:
         carry_out(run, "report")
 
 
-def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
+def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
     """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
     study = loaded.study
     yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    for spec in study.compare.variants or _default(study, bool(others)):
+    for spec in study.compare.variants or _default(study, bool(further)):
         try:
             yield variant(loaded, spec)
         except StudyError as error:
             raise StudyError(f"compare.variants: {spec.name}: {error}") from None
-    for other in others:
+    for other in further:
         name = other.study.name if other.study.name != study.name else str(other.path)
         yield ComparedVariant(name, other.study.as_robot(), _weighed_as(study, other.study), other.study.model)
 
@@ -99,12 +101,9 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
     return rows
 
 
-def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
-    """What can be left out, other equations of loops, and springs on the other side of coupled gears.
-
-    Nothing beside other studies.
-    """
-    if has_others:
+def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
+    """Parts left out, other equations of loops, springs on the other side of gears; none with further studies."""
+    if has_further:
         return ()
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
@@ -158,15 +157,9 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
 
 
 def _weighed_as(own: Study, other: Study) -> FitSpec:
-    """What another study fits, counted as the own one counts: else their costs could not be compared."""
-    counted = own.seeded_fit
-    return replace(
-        other.fit,
-        criterion=counted.criterion,
-        weights=counted.weights,
-        band_hz=counted.band_hz,
-        seed=counted.seed,
-    )
+    """The fit of another study with the criterion, weights and band of the own one, so that their costs compare."""
+    fit = own.seeded_fit
+    return replace(other.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
 def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
@@ -176,17 +169,16 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[Fr
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
     finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
     keys = [_key(task, run) for task in tasks]
-    there = sum(key in finished for key in keys)
-    if there:
-        run.console.say(f"compare: resumed, {there} of {len(tasks)} fits are kept")
+    if n_finished := sum(key in finished for key in keys):
+        run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits are kept")
     with run.console.progress("compare") as progress:
-        results = in_order(resumed(partial(refit, responses), tasks, keys, finished, run.jobs, progress))
+        results = in_order(Execution(run.jobs, progress, finished).resumed(partial(refit, responses), tasks, keys))
     n = len(parts)
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 
 def _key(task: RefitTask, run: Run) -> str:
-    """The name of a finished fit: a hash of everything that it depends on beside the code."""
+    """The name of a finished fit: a hash of everything that it depends on except the code."""
     document = [asdict(task), run.stamps["estimate"].inputs]
     return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"
 
@@ -214,7 +206,7 @@ def search_elasticity(run: Run) -> None:
             fits.update(_fitted(run, coordinates, start, new, responses))
             rows = rank(names, *zip(*fits.values(), strict=True)).rows
             by_name = {row.name: row for row in rows}
-            return {model: by_name[of.name] for model, (of, _) in fits.items()}
+            return {model: by_name[own.name] for model, (own, _) in fits.items()}
 
         everything, trials = tuple(coordinates), []
         for trial in search(everything, fitted, start):
@@ -238,7 +230,7 @@ def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
-    """What can be elastic or rigid, label to name, and the labels of what is elastic to begin with: the gears."""
+    """Coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
     robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
     if not coordinates:
@@ -274,7 +266,7 @@ def _fitted(
 
 
 def _model_name(study: Study, coordinates: Mapping[str, str], start: Elastic, model: Elastic) -> str:
-    """What is elastic in a model beyond the gears, and which gears are not."""
+    """The elastic coordinates of a model beyond the gears, and the gears that are rigid."""
     if len(model) == len(coordinates):
         return study.name
     further, rigid = [c for c in model if c not in start], [c for c in start if c not in model]

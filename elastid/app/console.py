@@ -1,23 +1,29 @@
-"""Output of a run while it works: words, warnings and progress on the terminal, all of it in run.log as well."""
+"""Output of a run: words, warnings, tables and progress on the terminal, all but the progress in run.log as well."""
 
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from elastid.base.display import digits, interval_of, number
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
 from elastid.base.files import unlinked
 from elastid.base.note import Note, grouped
 
+if TYPE_CHECKING:
+    from elastid.design.forecast import Forecast
+    from elastid.friction_study.result import FrictionNumber
+    from elastid.report.content import ParameterRow
+
 LOG_NAME = "run.log"
-# Where the output is no terminal, a line of progress at most this often.
-_SECONDS_BETWEEN_LINES = 10.0
 
 
 class Console:
@@ -52,19 +58,19 @@ class Console:
             handler.close()
 
     def say(self, text: str) -> None:
-        """What was done."""
+        """Report work that was done."""
         self._log.info(text)
         if self.verbosity >= 0:
             print(printable(text), flush=True)
 
     def detail(self, text: str) -> None:
-        """What only the curious want to know."""
+        """Report a detail, shown at -v."""
         self._log.debug(text)
         if self.verbosity >= 1:
             print(f"  {printable(text)}", flush=True)
 
     def warn(self, text: str) -> None:
-        """What does not stop the work and must be read."""
+        """Warn of something that must be read and does not stop the work."""
         self._log.warning(text)
         if self.verbosity >= -1:
             print(f"warning: {printable(text)}", file=sys.stderr, flush=True)
@@ -149,6 +155,7 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
 
 
 def _lines(title: str) -> Progress:
+    """Where the output is no terminal: a line every ten seconds at most."""
     started = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
@@ -156,9 +163,72 @@ def _lines(title: str) -> Progress:
         now = time.monotonic()
         if done == 0:  # a round begins: what was prepared before says nothing about its pace
             started = now
-        if now - last >= _SECONDS_BETWEEN_LINES and 0 < done < total:
+        if now - last >= 10.0 and 0 < done < total:
             last = now
             left = (now - started) / done * (total - done)
             print(f"{printable(title)}: {done} of {total}, {left:.0f} s left", file=sys.stderr, flush=True)
 
     return progress
+
+
+def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
+    """Headings, then a line for each parameter; the truth and the deviation from it where the rig is simulated."""
+    simulated = any(row.truth is not None for row in rows)
+    headings = ["parameter", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval"]
+    headings += ["off / std"] if simulated else []
+    return [headings, *(_parameter_line(row, simulated) for row in rows)]
+
+
+def friction_table(numbers: Sequence[FrictionNumber]) -> list[list[str]]:
+    """Headings, then a line for each number of friction; the truth where the rig is simulated."""
+    simulated = any(each.truth is not None for each in numbers)
+    rows = [["number", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval", "learnt from"]]
+    for each in numbers:
+        true = [number(each.truth)] if simulated else []
+        estimate = _estimate(each.value, each.std, (each.low, each.high))
+        rows.append([each.name, each.unit, *true, *estimate, each.learnt_from])
+    return rows
+
+
+def forecast_table(forecast: Forecast) -> list[list[str]]:
+    """Headings, then a line for each parameter: predicted std, the configuration that informs it most, correlation."""
+    rows = [["parameter", "unit", "nominal", "expected std", "most of it from", "most correlated with"]]
+    by_configuration = forecast.share.sum(axis=1)
+    for i, name in enumerate(forecast.parameters):
+        relative, std = float(forecast.relative[i]), float(forecast.std[i])
+        informed = math.isfinite(std)
+        known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
+        best = int(by_configuration[:, i].argmax())
+        other, correlation = forecast.strongest(name)
+        rows.append(
+            [
+                name,
+                forecast.units[i],
+                number(float(forecast.nominal[i])),
+                known if informed else "not seen",
+                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if informed else "–",
+                f"{other} {correlation:+.2f}" if other else "–",
+            ]
+        )
+    return rows
+
+
+def _parameter_line(row: ParameterRow, simulated: bool) -> list[str]:
+    estimate, std, interval = _estimate(row.estimate, row.std, row.interval)
+    line = [row.name, row.unit, estimate, std, interval + " (at bound)" * row.at_bound]
+    if simulated:
+        line.insert(2, number(row.truth))
+        known = row.deviation is not None and math.isfinite(row.deviation)
+        line.append(f"{row.deviation:+.1f}" if known else "–")
+    return line
+
+
+def _estimate(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """An estimate, its standard deviation in percent where it is not zero, and its interval, to as many digits."""
+    n = digits(value, std)
+    return number(value, n), _relative(std, value), " to ".join(interval_of(interval, n))
+
+
+def _relative(std: float, value: float) -> str:
+    relative = 100 * std / abs(value) if value else math.inf
+    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)

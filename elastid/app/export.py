@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,13 +12,44 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
+from elastid.export.code import write_c, write_casadi
+from elastid.export.control import write_control, write_responses_control
+from elastid.export.csv import write_csv, write_responses_csv
+from elastid.export.fmu import write_fmu
 from elastid.export.intervals import interval_lines
+from elastid.export.matlab import write_matlab, write_responses_matlab
+from elastid.export.mujoco import write_mujoco
 from elastid.export.observer import Observer, write_observers
-from elastid.export.targets import RESPONSE_TARGETS, TARGETS
+from elastid.export.uff import write_uff
+from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
-from elastid.store import read_fit, read_friction, read_responses, text_file
+from elastid.response import FrequencyResponse
+from elastid.store.files import text_file
 from elastid.store.friction_study import read_filter, read_friction_result
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit
 
+Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
+ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
+
+TARGETS: dict[str, Writer] = {
+    "control": write_control,
+    "matlab": write_matlab,
+    "mujoco": write_mujoco,
+    "fmu": write_fmu,
+    "urdf": write_urdf,
+    "casadi": write_casadi,
+    "c": write_c,
+    "csv": write_csv,
+}
+
+# Of measured responses: all that a study without a robot has. uff takes those of any study.
+RESPONSE_TARGETS: dict[str, ResponseWriter] = {
+    "control": write_responses_control,
+    "matlab": write_responses_matlab,
+    "csv": write_responses_csv,
+    "uff": write_uff,
+}
 # The targets that are no other tool's: elastid's own, and the filter of a study of friction.
 ROBOT, OBSERVER = "robot", "observer"
 
@@ -38,13 +70,13 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     folder = clear_folder(run.folder, "export", target)
     models = models_by_group(result, run.study.as_robot(), responses, run.study.model, run.study.name)
     if any(models):
-        each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
-        run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
+        groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
+        run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
     write = TARGETS.get(target, partial(_write_robot, run))
     paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
-    return _said(run, paths)
+    return _reported(run, paths)
 
 
 def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -65,7 +97,7 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
     run.require_result("friction")
     folder = clear_folder(run.folder, "export", ROBOT)
     result = read_friction_result(run.path("friction"))
-    return _said(run, (_written(folder, robot_of_friction(run.study.name, run.study.as_robot(), result)),))
+    return _reported(run, (_written(folder, robot_of_friction(run.study.name, run.study.as_robot(), result)),))
 
 
 def _export_observers(run: Run) -> tuple[Path, ...]:
@@ -74,9 +106,9 @@ def _export_observers(run: Run) -> tuple[Path, ...]:
         run.require_stage("follow")
     run.require_result("follow")
     folder = clear_folder(run.folder, "export", OBSERVER)
-    found = read_filter(run.path("follow"))
-    observers = {each.joint: Observer(each.filtered, each.noise, each.rate_hz) for each in found}
-    return _said(run, write_observers(folder, observers))
+    joints = read_filter(run.path("follow"))
+    observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
+    return _reported(run, write_observers(folder, observers))
 
 
 def _written(folder: Path, text: str) -> Path:
@@ -95,10 +127,10 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
         )
     run.require_result("estimate")
     folder = clear_folder(run.folder, "export", target)
-    return _said(run, RESPONSE_TARGETS[target](folder, run.study.name, read_responses(run.path("estimate"))))
+    return _reported(run, RESPONSE_TARGETS[target](folder, run.study.name, read_responses(run.path("estimate"))))
 
 
-def _said(run: Run, paths: tuple[Path, ...]) -> tuple[Path, ...]:
+def _reported(run: Run, paths: tuple[Path, ...]) -> tuple[Path, ...]:
     for path in paths:
         run.console.say(f"export: {path}")
     return paths

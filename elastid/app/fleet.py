@@ -24,19 +24,16 @@ from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
 from elastid.base.files import make_folder, own_path
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
-from elastid.store import changed_texts, keep_checksums, replacing, text_file
+from elastid.store.files import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
-# What is written beside the members' folders.
+# Files written next to the members' folders.
 WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
-# Layout of the table, counted up where a column changes.
-FORMAT = "1"
-# Times that a member is begun whose worker dies.
-ATTEMPTS = 2
-DIED = f"its worker died {ATTEMPTS} times, perhaps for lack of memory; run it alone, or with fewer --jobs"
+# Of a member that was begun twice.
+DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # How studies end whose numbers are compared: of elasticity and of friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 # Members that a message names.
@@ -66,10 +63,10 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     """
     _check(fleet, folder)
     with logged_in(folder, jobs, console):
-        return _run_fleet(fleet, folder, jobs, console)
+        return _run_members(fleet, folder, jobs, console)
 
 
-def _run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
+def _run_members(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     for name in changed_texts(folder, WRITTEN):
         console.warn(f"{folder / name} has changed since it was written; it is made again")
     outcomes = _outcomes(fleet, folder, jobs, console)
@@ -96,7 +93,7 @@ def _run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 
 def _check(fleet: Fleet, folder: Path) -> None:
-    """Wrong overrides, and a folder that cannot be written, are told before hours of work; StudyError."""
+    """Wrong overrides, and a folder that cannot be written, are reported before hours of work; StudyError."""
     wrong = []
     for member in fleet.members:
         try:
@@ -117,14 +114,14 @@ def _check(fleet: Fleet, folder: Path) -> None:
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
-    """FitError where members failed, MisfitError where some are misfits: all is written, and told by the exit code."""
+    """FitError where members failed, MisfitError where some are misfits: all is written before."""
     failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
     misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
-    for kind, found, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
-        if found:
+    for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
+        if members:
             raise error(
-                f"fleet {name}: {len(found)} of {len(outcomes)} members {kind} and are not compared with the others: "
-                f"{_listed(found)}"
+                f"fleet {name}: {len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
+                f"{_listed(members)}"
             )
 
 
@@ -142,7 +139,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
     """How each member ended; those whose worker died are tried again after the others."""
     work = partial(_identified, fleet.study, folder)
     done: dict[str, Outcome] = {}
-    for attempt in range(ATTEMPTS):
+    for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in done]
         if todo and attempt:
             console.warn(f"fleet: workers died at {', '.join(member.words for member in todo)}: tried again")
@@ -167,8 +164,8 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
 
 def _summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.json"
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found
+    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return summary
 
 
 def _status(folder: Path) -> str:
@@ -178,10 +175,10 @@ def _status(folder: Path) -> str:
 def _rows(folder: Path, member: Member) -> Iterator[FleetRow]:
     """The parameters in the summary of a member; none where it failed."""
     summary = _summary(folder / MEMBERS / member.name)
-    for name, found in summary.get("parameters", {}).items():
-        low, high = found.get("interval95") or (None, None)
+    for name, row in summary.get("parameters", {}).items():
+        low, high = row.get("interval95") or (None, None)
         yield FleetRow(
-            member.robot, member.date, str(summary["status"]), name, found["unit"], found["value"], found.get("std"),
+            member.robot, member.date, str(summary["status"]), name, row["unit"], row["value"], row.get("std"),
             low, high,
         )  # fmt: skip
 
@@ -210,7 +207,7 @@ def _write_table(folder: Path, rows: Sequence[FleetRow]) -> Path:
 
     path = folder / "fleet.parquet"
     columns_of = {name: [getattr(row, name) for row in rows] for name in columns}
-    table = pyarrow.table(columns_of, metadata={"elastid": "fleet", "format": FORMAT, "made by": software()})
+    table = pyarrow.table(columns_of, metadata={"elastid": "fleet", "format": "1", "made by": software()})
     with replacing(path) as temporary:
         pyarrow.parquet.write_table(table, temporary)
     return path

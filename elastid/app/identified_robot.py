@@ -1,11 +1,15 @@
-"""The robot's file with the numbers that a study has identified, for the next study or another reader."""
+"""The robot that a study has identified: its file, its true numbers, and the dry friction in the viscous ones."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.result import FrictionTakenOut, friction_rows
+from elastid.parameters import Parameter
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
@@ -15,6 +19,59 @@ if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
+VISCOUS = "viscous friction alone"
+# Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
+WITH_COULOMB = "viscous friction and 2 F_c p_v(0) of Coulomb friction"
+
+
+def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:
+    """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
+
+    A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
+    friction in the robot's file, and never of a motor that friction was taken out of.
+    """
+    rigid = {joint.name for joint in robot.driven} - {joint.name for joint in robot.flexible}
+    rough = set(robot.motor_locations)
+    if is_simulated:
+        from elastid.friction.robot_friction import frictions  # brings CasADi
+
+        rough = {law.place for law in frictions(robot)}
+    for place in () if friction is None else friction.taken_places():
+        joint = place.removeprefix("motor ")
+        rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
+    own = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
+    return frozenset(
+        own | {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
+    )
+
+
+def contents(
+    robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None, parameters: Iterable[Parameter]
+) -> dict[str, str]:
+    """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction."""
+    mixed = mixed_numbers(robot, is_simulated, friction)
+    of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
+    return {
+        parameter.name: WITH_COULOMB if parameter.stands_for in mixed else VISCOUS
+        for parameter in parameters
+        if parameter.stands_for in of_motors | mixed
+    }
+
+
+def truth(
+    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: FrictionTakenOut | None = None
+) -> dict[str, float] | None:
+    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded.
+
+    fitted: names of parameters in the study.  friction: taken out of the responses; viscous coefficients that contain
+    dry friction have no truth.
+    """
+    if simulated is None:
+        return None
+    mixed = mixed_numbers(robot, True, friction)
+    named = (*robot.geometry, *(name for name in robot.gains if name in fitted))
+    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
+    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
 def with_identified_friction(robot: Robot, result: FrictionResult) -> Robot:
@@ -70,6 +127,7 @@ def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Frictio
 
 
 def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
+
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
@@ -85,12 +143,12 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     known, ratio = law_of(robot, joint), robot.ratio(joint)
     if known is None or law.lugre is not None or law.maxwell_slip is not None:
         return law
-    kept = replace(law, lugre=known.lugre, maxwell_slip=known.maxwell_slip)
+    completed = replace(law, lugre=known.lugre, maxwell_slip=known.maxwell_slip)
     try:
-        through_gear(kept, ratio, to_motor=True).check_passive(viscous / ratio**2)
+        through_gear(completed, ratio, to_motor=True).check_passive(viscous / ratio**2)
     except ValueError:
         return law
-    return kept
+    return completed
 
 
 def _with_level(robot: Robot, joint: str, level: float) -> Friction:

@@ -24,16 +24,13 @@ from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE
 from elastid.recorded.responses.uff import is_universal_file
 from elastid.report.friction_content import refusals
-from elastid.store import described as described_artefact
-from elastid.store import is_as_written, is_intact, kind_of, read_fit, read_friction
+from elastid.store.artefacts import kind_of
+from elastid.store.files import is_as_written, is_intact
 from elastid.store.friction_study import FRICTION, read_friction_result
-from elastid.store.json_values import SCHEMA
-
-# Samples that tell whether a signal rises evenly, as a time does.
-_MAX_TIMES = 10_000
-# Steps of a time differ from their median by this part of it.
-_MAX_UNEVENNESS = 0.5
-_MIN_TIMES = 3
+from elastid.store.kinds import SCHEMA
+from elastid.store.measured import read_friction
+from elastid.store.reading import described as described_artefact
+from elastid.store.results import read_fit
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,8 @@ class SignalSummary:
     @property
     def cells(self) -> tuple[str, ...]:
         """Name, shape, unit, first, lowest and highest value as texts."""
-        of = self.values
-        numbers = ("", "", "") if of is None else (f"{of.first:.6g}", f"{of.low:.6g}", f"{of.high:.6g}")
+        ends = self.values
+        numbers = ("", "", "") if ends is None else (f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}")
         return (self.name, " x ".join(map(str, self.shape)), self.unit, *numbers)
 
 
@@ -100,12 +97,12 @@ def _remark(start: NDArray[Any], values: ValueRange, rate_hz: float | None) -> s
 
 def _even_step(start: NDArray[Any]) -> float | None:
     """The median step of a signal that rises evenly, as a time or a counter does; None of any other."""
-    t = np.squeeze(start)[:_MAX_TIMES] if start.size > 1 else start
-    if t.ndim != 1 or len(t) < _MIN_TIMES or t.dtype.kind == "b" or not np.isfinite(t).all():
+    t = np.squeeze(start)[:10_000] if start.size > 1 else start
+    if t.ndim != 1 or len(t) < 3 or t.dtype.kind == "b" or not np.isfinite(t).all():
         return None
     steps = np.diff(np.asarray(t, dtype=np.float64))
     usual = float(np.median(steps))
-    return usual if usual > 0 and np.all(np.abs(steps - usual) <= _MAX_UNEVENNESS * usual) else None
+    return usual if usual > 0 and np.all(np.abs(steps - usual) <= 0.5 * usual) else None
 
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
@@ -155,16 +152,16 @@ def _log_lines(path: Path) -> list[str]:
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
         if isinstance(log, TextLog):
-            signals, others = text_summaries(log), []
+            signals, contents = text_summaries(log), []
         else:
             arrays = log.arrays if isinstance(log, ArrayLog) else {}
             signals = [signal_summary(name, array) for name, array in arrays.items() if array.is_signal]
-            others = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
+            contents = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
         lines += _table(signals)
-        lines += ["other contents, which cannot be channels:", *others] if others else []
+        lines += ["other contents, which cannot be channels:", *contents] if contents else []
     if not signals and path.suffix.lower() == ".mat":
         lines.append(f"  {_OBJECTS}; {HOW_TO_SAVE}")
     return lines

@@ -226,12 +226,12 @@ def _motions(plan: FrictionPlan) -> Iterator[str]:
         yield from (f"  {sentence}" for sentence in plan.unknown)
 
 
-def _count(things: Collection[object], one: str, more: str = "") -> str:
-    return _plural(len(things), one, more)
+def _count(things: Collection[object], noun: str, plural: str = "") -> str:
+    return _plural(len(things), noun, plural)
 
 
-def _plural(number: int, one: str, more: str = "") -> str:
-    return f"{number} {one if number == 1 else more or one + 's'}"
+def _plural(number: int, noun: str, plural: str = "") -> str:
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:

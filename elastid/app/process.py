@@ -23,9 +23,6 @@ import click
 from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
 
-INTERRUPTED = 130
-INTERRUPT_INTERVAL_S = 0.5
-
 
 @contextmanager
 def insisting() -> Iterator[Event]:
@@ -37,7 +34,7 @@ def insisting() -> Iterator[Event]:
     pressed, ended = Event(), Event()
 
     def insist() -> None:
-        while not ended.wait(INTERRUPT_INTERVAL_S):
+        while not ended.wait(0.5):
             interrupt_main()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -111,7 +108,7 @@ def explained(error: Exception) -> int:
 def interrupted(arguments: Sequence[str]) -> int:
     """The exit code of a command that was interrupted, which says how to go on."""
     again = shlex.join(["elastid", *arguments])
-    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", INTERRUPTED)
+    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", 130)
 
 
 def _ended(message: str, code: int) -> int:

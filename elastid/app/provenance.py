@@ -22,7 +22,8 @@ from elastid import __version__
 from elastid.app.stage_table import Stage, Value, stages_of_study
 from elastid.app.work import StudyFiles, file_hash
 from elastid.base import kernels
-from elastid.store import Stamp, changed_texts
+from elastid.store.artefacts import Stamp
+from elastid.store.files import changed_texts
 from elastid.study import LoadedStudy
 
 # Libraries that results depend on to the last digits.

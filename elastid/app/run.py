@@ -30,16 +30,8 @@ from elastid.app.work import Work
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
-from elastid.store import (
-    Stamp,
-    changed_texts,
-    has_checksum,
-    is_intact,
-    keep_checksums,
-    one_writer,
-    read_stamp,
-    remove_leftovers,
-)
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.files import changed_texts, has_checksum, is_intact, keep_checksums, one_writer, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 

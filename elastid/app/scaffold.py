@@ -12,13 +12,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.files import unlinked
-from elastid.store import text_file
+from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
 
 DEMO = "serial"
 STUDY = "study.yml"
-# Of the simulated logs.
-_SEED = 1
 # Numbers that the fit of the template `recorded` is to identify, and the torque constant in its study.
 TRUTH: Mapping[str, float] = {"k_1": 64.0, "d_1": 0.014, "Jm_1": 1.2e-3, "I_load": 0.8e-3, "fm_1": 2e-3}
 TORQUE_CONSTANT = 0.17
@@ -62,7 +60,7 @@ def write_shaken_masses(folder: Path) -> None:
     from elastid.experiment.simulated.structure import shake
 
     columns = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
-    logs = (log for realisation in range(2) for log in shake(256.0, 2048, 4, _SEED + realisation))
+    logs = (log for realisation in range(2) for log in shake(256.0, 2048, 4, 1 + realisation))
     for i, log in enumerate(logs, start=1):
         _write_log(folder / "logs" / f"bench_{i}.csv", columns, np.hstack([log.force, log.acceleration]))
 
@@ -79,11 +77,12 @@ def write_elastic_joint(folder: Path) -> None:
 
     robot = load_robot(folder / "robot.yml")
     noise = NoiseSpec(torque_std=1e-4, angle_std=2e-6)
+    seed = 1
     rig = SimulatedSpec(truth=dict(TRUTH), outputs=("motor 1", "joint 1"), noise=noise)
     experiment = ExperimentSpec({"bench": (0.0,)}, periods=4, simulated=rig)
     excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(1, 150), torque_rms=0.1)
-    plan = make_plan(excitation, experiment, robot, _SEED)
-    simulated = SimulatedRig(robot, experiment, plan, _SEED)
+    plan = make_plan(excitation, experiment, robot, seed)
+    simulated = SimulatedRig(robot, experiment, plan, seed)
     columns = ("current", "motor_angle", "load_angle")
     for i, run in enumerate(simulated.experiments, start=1):
         record = simulated.measure(run)

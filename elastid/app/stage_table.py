@@ -70,7 +70,7 @@ class Stage:
     help: one line for the command of its name.  values: of the study.  sources: results of earlier stages.
     files(values, folder): named by the study, handed over as `files`.  extras: files of the run folder that other
     commands leave, handed over by their stem where they are as written, else None.  leaves: the first file carries the
-    stamp, the second is for programs.  beside: patterns of further files that it leaves.  outdates: stages whose
+    stamp, the second is for programs.  patterns: of further files that it leaves.  outdates: stages whose
     summary goes when the files of this one are written, unless it is current.  part(study): the values on which the
     part of the result depends that later stages read; None for all of it.  needs: a section without which a study has
     not this stage.  function, conclude: "module:name" below elastid.app.stages.  conclude(run): shows the result at
@@ -81,12 +81,12 @@ class Stage:
     help: str
     kinds: tuple[str, ...]
     values: tuple[Value, ...]
-    sources: tuple[Source, ...]
     leaves: tuple[str, ...]
     function: str
+    sources: tuple[Source, ...] = ()
     files: Callable[[Mapping[str, Any], Path], NamedFiles] | None = None
     extras: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
+    patterns: tuple[str, ...] = ()
     outdates: tuple[str, ...] = ()
     part: Callable[[Study], tuple[Value, ...] | None] | None = None
     needs: str = ""
@@ -95,7 +95,7 @@ class Stage:
     @property
     def texts(self) -> tuple[str, ...]:
         """Files, folders and patterns of its artefacts besides HDF5 files, which carry their own checksums."""
-        return (*(name for name in self.leaves if not name.endswith(".h5")), *self.beside)
+        return (*(name for name in self.leaves if not name.endswith(".h5")), *self.patterns)
 
 
 def values(*names: str) -> tuple[Value, ...]:
@@ -148,16 +148,9 @@ PLAN = values("seed", "robot", "excitation", "experiment")
 MOTIONS = (*values("seed", "robot", "friction_joints", "experiment"), Value("friction", without=("law",)))
 # Keys of `fit` for its search and its intervals, which no plan depends on: a longer search needs no other plan.
 SEARCH = (
-    "log_first",
-    "starts",
-    "start_factor",
-    "continuation",
-    "solver",
-    "profile",
-    "bootstrap",
-    "bootstrap_kind",
-    "seed",
-)
+    "log_first", "starts", "start_factor", "continuation", "solver", "profile",
+    "bootstrap", "bootstrap_kind", "seed",
+)  # fmt: skip
 
 
 def plan_values(study: Study) -> tuple[Value, ...] | None:
@@ -185,11 +178,10 @@ STAGES = (
             *values("estimator.quantity", "estimator.friction"),
             Value("fit", without=SEARCH),
         ),
-        sources=(),
         leaves=("plan.h5",),
         function="design:design",
         files=earlier_measurements,
-        beside=("references/*.csv",),
+        patterns=("references/*.csv",),
         part=plan_values,
     ),
     Stage(
@@ -206,7 +198,6 @@ STAGES = (
         help="Simulate the experiments or import the recorded logs: records.h5.",
         kinds=(RECORDED, FRF),
         values=values("places", "experiment"),
-        sources=(),
         leaves=("records.h5",),
         function="measure:import_logs",
         files=logs,
@@ -225,7 +216,6 @@ STAGES = (
         help="Estimate the frequency responses with their covariance: frf.h5.",
         kinds=(RESPONSES, FRF_RESPONSES),
         values=values("robot", "places", "experiment", "estimator"),
-        sources=(),
         leaves=("frf.h5",),
         function="estimate:import_responses",
         files=responses,
@@ -238,7 +228,7 @@ STAGES = (
         sources=(Source("estimate"),),
         leaves=("fit.h5", "summary.json"),
         function="fit:fit",
-        beside=("identified_robot*.yml",),
+        patterns=("identified_robot*.yml",),
         outdates=("validate",),
         conclude="fit:conclude",
     ),
@@ -272,17 +262,16 @@ STAGES = (
         values=values("name", "estimator", "text", "report"),
         sources=(Source("estimate"),),
         leaves=("report.html", "figures", "peaks.csv"),
-        function="report_responses:report_responses",
+        function="report:report_responses",
     ),
     Stage(
         name="design",
         help="Plan the passes and other motions within the robot's limits: plan.h5 and references/*.csv.",
         kinds=(FRICTION,),
         values=values("seed", "robot", "friction_joints", "experiment", "friction"),
-        sources=(),
         leaves=("plan.h5",),
         function="friction:design_motions",
-        beside=("references/*.csv",),
+        patterns=("references/*.csv",),
         part=motion_values,
     ),
     Stage(
@@ -299,7 +288,6 @@ STAGES = (
         help="Simulate the motions or import the recorded logs: records.h5.",
         kinds=(FRICTION_RECORDED,),
         values=values("robot", "friction_joints", "experiment", "friction.loads"),
-        sources=(),
         leaves=("records.h5",),
         function="friction:import_motions",
         files=logs,

@@ -1,4 +1,4 @@
-"""Results of an identification as values: truth, modes, and summary.json and validation.json, both of a fixed form.
+"""Results of an identification as values: modes, and summary.json and validation.json, both of a fixed form.
 
 Sections of them are made of fields and properties of a result; those that are not, replace one in its place.
 """
@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import uncertain_modes
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.stick_figure import stick_figure
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import parameter_rows
+from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
-from elastid.store import text_file
-from elastid.store.json_values import SCHEMA, json_value
-from elastid.study import Study
+from elastid.robot import Robot
+from elastid.store.files import text_file
+from elastid.store.kinds import SCHEMA, json_value
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin import BandBalance, TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
@@ -37,22 +37,6 @@ from elastid.validation.twin_run import NO_TWIN, TwinFindings
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import MotionFriction
     from elastid.friction_study.result import FrictionResult
-
-CORRELATED = 0.9
-
-
-def truth(study: Study, friction: FrictionTakenOut | None = None) -> dict[str, float] | None:
-    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded.
-
-    friction: what was taken out of the responses; viscous coefficients that contain dry friction have no truth.
-    """
-    simulated = study.experiment.simulated
-    if simulated is None:
-        return None
-    robot, mixed = study.as_robot(), mixed_numbers(study, friction)
-    named = (*robot.geometry, *(name for name in robot.gains if name in study.fit.parameters))
-    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
-    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
@@ -97,30 +81,34 @@ def section(value: Any, names: str) -> dict[str, Any]:
     return {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
 
 
-def failure(study: Study, message: str) -> dict[str, Any]:
-    """summary.json of a fit that failed: the same keys, no numbers."""
+def failure(name: str, starts: int, message: str) -> dict[str, Any]:
+    """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
-    numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": study.fit.starts, "hits": 0}
-    return {**_head(study, "failed", message), **numbers, "parameters": {}, "friction": None} | {
-        name: [] for name in lists
+    numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
+    return {**_head(name, "failed", message), **numbers, "parameters": {}, "friction": None} | {
+        key: [] for key in lists
     }
 
 
 def summary(
-    study: Study,
+    name: str,
+    robot: Robot,
     result: FitResult,
+    rows: Sequence[ParameterRow],
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
     notes: Sequence[Note],
     friction: FrictionTakenOut | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json; notes of the fit come first, then those of friction and of measured responses."""
+    """The content of summary.json; notes of the fit come first, then those of friction and of measured responses.
+
+    name, robot: of the study.  rows: of the free parameters.
+    """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    return failure(study, result.message) | {
+    return failure(name, len(result.starts), result.message) | {
         **section(result, "status cost cost_expected dof hits"),
-        "starts": len(result.starts),
-        "parameters": _parameters(study, result, friction),
-        "friction": friction_summary(study.as_robot(), friction),
+        "parameters": _parameters(result, rows),
+        "friction": _friction_section(robot, friction),
         "correlations_above_0.9": _correlations(result),
         "modification_indices": [
             section(index, "name group place share drop members alike effects")
@@ -140,12 +128,15 @@ def summary(
     }
 
 
-def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
+def interrupted(
+    name: str, spec: FitSpec, robot: Robot, configurations: Sequence[str], ends: Sequence[LocalOptimum]
+) -> dict[str, Any]:
     """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
-    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it")
+    message = f"interrupted after {len(ends)} of {spec.starts} starts; run the fit again to resume it"
+    best = failure(name, spec.starts, message)
     if not ends:
         return best | {"status": "interrupted"}
-    parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
+    parameters = choose(spec, robot, tuple(configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
     rows = {
         p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
@@ -155,7 +146,7 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     return best | {"status": "interrupted", "cost": json_value(ends[0].cost), "parameters": rows}
 
 
-def validation_summary(study: Study, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of validation.json: that of validation.h5 without its curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
@@ -168,7 +159,7 @@ def validation_summary(study: Study, validation: Validation, twin: TwinFindings 
     replay = "configuration quantity band_hz records outputs fit_percent reachable_percent"
     return {
         "schema": SCHEMA,
-        "study": study.name,
+        "study": name,
         **section(validation, "verdict cost"),
         "configurations": [section(each, agreement) for each in validation.configurations],
         "replayed": validation.replayed,
@@ -179,14 +170,14 @@ def validation_summary(study: Study, validation: Validation, twin: TwinFindings 
     }
 
 
-def friction_study_summary(study: Study, result: FrictionResult, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
     torque: of motions, shares of the parts of the model.  twin: errors of the model simulated along them.
     """
     every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
-    return _head(study, result.status, result.message) | {
+    return _head(name, result.status, result.message) | {
         "parameters": {
             each.name: section(each, "value std interval95=low unit meaning learnt_from")
             | {"interval95": json_value((each.low, each.high))}
@@ -207,19 +198,19 @@ def friction_study_summary(study: Study, result: FrictionResult, twin: TwinFindi
     }
 
 
-def failed_friction(study: Study, message: str) -> dict[str, Any]:
+def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
     keys = ("parameters", "not_identified", "motions", "torque", "measured", "warnings", "notes")
     objects = ("parameters", "motions", "measured")
     nothing: dict[str, Any] = {key: {} if key in objects else [] for key in keys}
-    return _head(study, "failed", message) | nothing
+    return _head(name, "failed", message) | nothing
 
 
 _ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
 
 
-def _head(study: Study, status: str, message: str) -> dict[str, Any]:
-    return {"schema": SCHEMA, "study": study.name, "status": status, "message": message}
+def _head(name: str, status: str, message: str) -> dict[str, Any]:
+    return {"schema": SCHEMA, "study": name, "status": status, "message": message}
 
 
 def _notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
@@ -267,8 +258,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
     }
 
 
-def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | None) -> dict[str, dict[str, Any]]:
-    rows = parameter_rows(result, truth(study, friction), contents(study, friction, result.parameters.free))
+def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {name: getattr(row, name) for name in ("truth", "contains") if getattr(row, name) not in (None, "")}
@@ -282,7 +272,44 @@ def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | No
     }
 
 
+def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
+    """The section `friction` of summary.json, an entry a motor; None where the study asked for none.
+
+    Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
+    amplitude of the torque that no response explains, by configuration.  coulomb: F_c on the motor side, as the robot's
+    file has it under `motor`.
+    """
+    if friction is None:
+        return None
+    from elastid.nonlinear.result import friction_rows
+
+    entries = []
+    ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
+    for i, row in enumerate(friction_rows(friction)):
+        shapes = zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True)
+        entries.append(
+            {
+                "motor": row.place,
+                "taken_out": row.level is not None,
+                "F_c": row.level,
+                "std": row.std,
+                "interval95": None if row.interval is None else list(row.interval),
+                "unit": row.unit,
+                "coulomb": None if row.level is None else row.level / ratio[row.place],
+                "shapes": [
+                    {"kind": shape.kind, "threshold": shape.threshold, "level": level, "std": std}
+                    for shape, level, std in shapes
+                    if shape.place == row.place and level > 0
+                ],
+                "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
+                "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
+                "kept_share": row.kept_share,
+            }
+        )
+    return entries
+
+
 def _correlations(result: FitResult) -> list[list[Any]]:
     names, r = result.parameters.free_names, result.correlation
-    above = np.argwhere(np.triu(np.abs(r), 1) > CORRELATED)
+    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
     return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]

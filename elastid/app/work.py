@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from elastid.app.console import Console
 from elastid.base.execution import Execution
-from elastid.store import Stamp, remove_leftovers, text_file
+from elastid.store.artefacts import Stamp
+from elastid.store.files import content_hash, remove_leftovers, text_file
 
 if TYPE_CHECKING:
-    from elastid.store import Checkpoint
+    from elastid.store.checkpoint import Checkpoint
 
 # Writes a file at a path, with its stamp where it carries one.
 Write: TypeAlias = Callable[[Path, Stamp], Any]
@@ -63,7 +64,7 @@ class Work:
 
     def checkpoint(self) -> Checkpoint:
         """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
-        from elastid.store import Checkpoint  # brings the solvers, which most stages do not need
+        from elastid.store.checkpoint import Checkpoint  # brings the solvers, which most stages do not need
 
         document = [self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources]]
         remove_leftovers(self.parts)
@@ -104,5 +105,4 @@ def file_hash(path: Path) -> str:
     if path.is_dir():
         contents = [[file.name, file_hash(file)] for file in sorted(path.iterdir()) if file.is_file()]
         return hashlib.sha256(json.dumps(contents).encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return content_hash(path)

@@ -1,1 +1,1 @@
-"""What every room uses: array types, errors, units, sections of a study, execution in processes."""
+"""Shared by every room: array types, errors, units, sections of a study, execution in processes."""

@@ -97,7 +97,7 @@ def release(array: FloatArray) -> None:
 
 
 def read_only(array: FloatArray) -> FloatArray:
-    """The same array, which nobody can write to any more."""
+    """The same array, which can no longer be written to."""
     array.flags.writeable = False
     return array
 
@@ -108,12 +108,6 @@ def mapped(path: Path, dataset: Any) -> FloatArray | None:
     if dataset.size < MIN_LARGE_VALUES or offset is None or dataset.dtype != np.float64:
         return None
     return np.memmap(path, dtype=np.float64, mode="r", offset=offset, shape=dataset.shape)
-
-
-# Up to so many values of an array are shown, one by one.
-_MAX_SHOWN = 40
-# Longer texts are cut.
-_MAX_TEXT = 100
 
 
 @dataclass(frozen=True)
@@ -157,23 +151,24 @@ def shown_values(values: NDArray[Any]) -> str:
     >>> shown_values(np.linspace(0, 1j, 100))
     'magnitude 0 to 1'
     """
+    most = 40
     if values.dtype.kind not in "fiubc":
         if not any(str(value) for value in values.ravel()):
             return "empty texts"
-        texts = [_shortened(str(value)) for value in values.ravel()[:_MAX_SHOWN]]
-        return ", ".join(texts) + (f" and {values.size - _MAX_SHOWN} more" if values.size > _MAX_SHOWN else "")
-    if values.size == 1 or (values.ndim < 2 and values.size <= _MAX_SHOWN):
+        texts = [_shortened(str(value)) for value in values.ravel()[:most]]
+        return ", ".join(texts) + (f" and {values.size - most} more" if values.size > most else "")
+    if values.size == 1 or (values.ndim < 2 and values.size <= most):
         return ", ".join(str(v) if values.dtype.kind == "b" else f"{v:.6g}" for v in values.ravel())
     return shown_range(value_range([values]), values.dtype.kind == "c")
 
 
-def shown_range(of: ValueRange, is_complex: bool = False) -> str:
+def shown_range(ends: ValueRange, is_complex: bool = False) -> str:
     """A range in words."""
-    if np.isnan(of.low):
+    if np.isnan(ends.low):
         return "no finite number"
-    missing = f", {of.missing} not finite" if of.missing else ""
-    return f"{'magnitude ' if is_complex else ''}{of.low:.6g} to {of.high:.6g}{missing}"
+    missing = f", {ends.missing} not finite" if ends.missing else ""
+    return f"{'magnitude ' if is_complex else ''}{ends.low:.6g} to {ends.high:.6g}{missing}"
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]} ..."
+    return text if len(text) <= 100 else f"{text[:100]} ..."

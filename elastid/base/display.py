@@ -84,10 +84,6 @@ def degrees(radians: Sequence[float]) -> str:
     return ", ".join(f"{57.29577951308232 * angle:.4g}°" for angle in radians)
 
 
-# Ratio of the ends of an interval that is written as 0 to infinity.
-MAX_INTERVAL_RATIO = 1e12
-
-
 def number(value: float | None, digits: int = 4) -> str:
     """So many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
 
@@ -124,7 +120,7 @@ def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
     (('0.80', '1.2'), ('0', '∞'), ('-3.0', '2.0e+09'))
     """
     low, high = ends
-    if low > 0 and high > MAX_INTERVAL_RATIO * low:
+    if low > 0 and high > 1e12 * low:
         return "0", "∞"
     return number(low, digits), number(high, digits)
 

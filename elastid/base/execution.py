@@ -67,7 +67,7 @@ def _is_address(address: str) -> bool:
 
 @contextmanager
 def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Callable[[Item], Future[Value]]]:
-    """What submits an item to the workers of a Dask cluster, each of which has the function.
+    """The function that submits an item to the workers of a Dask cluster, each of which has `function`.
 
     CancelledError where a worker dies while it is given the function, ElastidError where there is no worker.
     """
@@ -75,12 +75,12 @@ def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Call
 
     with _client(address) as client:
         try:
-            there = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
+            scattered = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
         except CommClosedError as error:
             raise CancelledError from error
         except TimeoutError as error:
             raise ElastidError(f"the cluster at {address} has no worker; start one") from error
-        yield partial(client.get_executor(pure=False).submit, _applied, there)
+        yield partial(client.get_executor(pure=False).submit, _applied, scattered)
 
 
 def survived_on_cluster(
@@ -147,7 +147,7 @@ def unordered(
 ) -> Iterator[tuple[int, Value]]:
     """(index, function(item)) as they finish; in this process for one job or one item.
 
-    function and items must pickle; the function goes to each worker once. What a worker that dies was at is done anew.
+    function and items must pickle; the function goes to each worker once. The item of a worker that dies is done again.
     On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
     Raises ElastidError where workers die again and again.
     """
@@ -173,37 +173,15 @@ def surviving(
     """
     progress(0, len(items))
     address = SCHEDULER.get()
-    found = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
-    for done, result in enumerate(found, start=1):
+    results = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
+    for done, result in enumerate(results, start=1):
         yield result
         progress(done, len(items))
 
 
-def resumed(
-    function: Callable[[Item], Value],
-    items: Sequence[Item],
-    names: Sequence[str],
-    finished: MutableMapping[str, Value],
-    jobs: int,
-    progress: Progress = silent,
-) -> Iterator[tuple[int, Value]]:
-    """`unordered`, resumed: values in `finished` under the names of the items come first, new ones are kept there."""
-    there = [index for index, name in enumerate(names) if name in finished]
-    todo = sorted(set(range(len(items))) - set(there))
-    for index in there:
-        yield index, finished[names[index]]
-
-    def with_those(done: int, total: int) -> None:
-        progress(done + len(there), total + len(there))
-
-    for place, value in unordered(function, [items[index] for index in todo], jobs, with_those):
-        finished[names[todo[place]]] = value
-        yield todo[place], value
-
-
 @dataclass(frozen=True)
 class Execution:
-    """How work is run: by `jobs` processes, telling progress(done, total), keeping what is finished in `checkpoint`.
+    """How work is run: by `jobs` processes, reporting progress(done, total), keeping what is finished in `checkpoint`.
 
     checkpoint: from where an interrupted computation of the same arguments is resumed; a dict, or a mapping that
     outlives the process. Results do not depend on any of the three.
@@ -229,8 +207,18 @@ class Execution:
     def resumed(
         self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
     ) -> Iterator[tuple[int, Value]]:
-        """`unordered`, resumed: what the checkpoint holds under the name of an item is taken from it."""
-        return resumed(function, items, names, self.checkpoint, self.jobs, self.progress)
+        """`unordered`, resumed: values in the checkpoint under the names come first, new ones are kept there."""
+        known = [index for index, name in enumerate(names) if name in self.checkpoint]
+        todo = sorted(set(range(len(items))) - set(known))
+        for index in known:
+            yield index, self.checkpoint[names[index]]
+
+        def with_known(done: int, total: int) -> None:
+            self.progress(done + len(known), total + len(known))
+
+        for place, value in unordered(function, [items[index] for index in todo], self.jobs, with_known):
+            self.checkpoint[names[todo[place]]] = value
+            yield todo[place], value
 
 
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
@@ -253,17 +241,17 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
                 ) from error
 
 
-# So many times workers may die in one work; half as many go on each time, since most die for lack of memory.
+# Workers that may die in one work; half as many go on each time, since most die for lack of memory.
 _MOST_DEATHS = 4
 
 
 def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
-    """By processes of this machine; what a worker that dies was at is done anew, by half as many."""
+    """By processes of this machine; the item of a worker that dies is done again, by half as many."""
     # Pickled here, so that an error of pickling is reported as such.
     work, left, deaths = pickle.dumps(function), dict(enumerate(items)), 0
     while left:
-        with closing(outcomes(work, list(left.items()), min(max(1, jobs >> deaths), len(left)))) as found:
-            for index, future in found:
+        with closing(outcomes(work, list(left.items()), min(max(1, jobs >> deaths), len(left)))) as results:
+            for index, future in results:
                 if has_died(future):
                     deaths += 1
                     break
@@ -282,8 +270,8 @@ def _survived(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int
 ) -> Iterator[tuple[int, Value | None]]:
     """By processes of this machine; an item at which a worker died is None."""
-    with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as found:
-        for index, future in found:
+    with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as results:
+        for index, future in results:
             died = has_died(future)
             if died and _main_is_unguarded():
                 raise ElastidError(_UNGUARDED)
@@ -297,7 +285,7 @@ _UNGUARDED = (
 
 
 def _main_is_unguarded() -> bool:
-    """Whether the script that runs would begin anew in every worker."""
+    """True if the script that runs would begin again in every worker."""
     file = getattr(sys.modules.get("__main__"), "__file__", None)
     try:
         return file is not None and "__main__" not in Path(file).read_text(encoding="utf-8")

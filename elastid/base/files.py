@@ -68,10 +68,7 @@ def _refusal(path: Path) -> ElastidError:
     )
 
 
-MAX_DEPTH = 32
 MAX_MEMBERS = 100_000
-# Compression makes data at most some 1000 times smaller; small datasets may be anything.
-MAX_EXPANSION, SMALL_BYTES = 2000, 1 << 28
 
 
 def require_own_data(file: Any) -> None:
@@ -106,7 +103,7 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         if isinstance(item, h5d.DatasetID):
             _require_own_values(path, name, item)
         elif isinstance(item, h5g.GroupID):
-            if _address(item) in above or len(above) > MAX_DEPTH:
+            if _address(item) in above or len(above) > 32:
                 raise DataError(f"{path}: the group {name} contains itself, or lies too deep; export the file again")
             yield from _members(path, item, name, (*above, _address(item)))
         yield name
@@ -122,7 +119,8 @@ def _require_own_values(path: str, name: str, dataset: Any) -> None:
         )
     claimed = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
     stored = dataset.get_storage_size()
-    if claimed > max(SMALL_BYTES, MAX_EXPANSION * stored):
+    # Compression makes data at most some 1000 times smaller; small datasets may be anything.
+    if claimed > max(1 << 28, 2000 * stored):
         raise DataError(
             f"{path}: {name} claims {claimed / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again"
         )

@@ -31,7 +31,7 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT"
 class NameRule:
     """Marks a text of a section as a name, which is checked however the section is made.
 
-    is_file: it also names a file or a folder.  without: characters that have a meaning beside it.  is_optional: it may
+    is_file: it also names a file or a folder.  without: characters that have a meaning next to it.  is_optional: it may
     be empty.
     """
 

@@ -9,9 +9,6 @@ from typing import Literal, TypeAlias
 
 Severity: TypeAlias = Literal["information", "warning"]
 
-# So many places of a grouped note are named; of more, the first and how many there are.
-NAMED_PLACES = 3
-
 
 @dataclass(frozen=True)
 class Note:
@@ -41,7 +38,7 @@ class NoteGroup:
         """One line, with a count where there are many places."""
         if len(self.places) == 1:
             return str(self.first)
-        if len(self.places) <= NAMED_PLACES:
+        if len(self.places) <= 3:
             return f"{', '.join(self.places)}: {self.first.text}"
         return f"{self.places[0]} and {len(self.places) - 1} more: {self.first.text}"
 

@@ -34,7 +34,7 @@ class Key:
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the keys that a study may give.
 
-    Made in Python, it refuses a word that is none of its choices, a text in the place of a number and a text that is no
+    Made in Python, it refuses a word that is none of its choices, a text instead of a number and a text that is no
     name where one is due (`base.names`), by ValueError, and takes a list or an array for a tuple.
     """
     check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")

@@ -1,6 +1,6 @@
 """Worker processes of this machine: copies of one that has loaded what they need, ended at once on Ctrl-C.
 
-They start anew where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
+They start from nothing where the system has no copies. Inside `lasting_workers()` they stay for the next work, with the
 models that they have built.
 """
 
@@ -90,7 +90,7 @@ def outcomes(
 
 
 def has_died(future: Future[Any]) -> bool:
-    """Whether the worker died at the item."""
+    """True if the worker died at the item."""
     return isinstance(future.exception(), BrokenProcessPool)
 
 
@@ -115,7 +115,7 @@ def load_for_workers(modules: Sequence[str]) -> None:
 
 
 def start_method() -> str:
-    """How workers come to be: as copies of a process that has loaded what they need, or anew, as on Windows."""
+    """How workers start: as copies of a process that has loaded their libraries, or from nothing, as on Windows."""
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
@@ -130,26 +130,26 @@ def _called(at_rest: list[Worker]) -> Worker:
 
 
 def _submitted(worker: Worker, function: Callable[..., Any], *given: Any) -> Future[Any]:
-    """What a worker is given, which starts it; where it is dead already, that is what comes of it.
+    """The future of a call, which starts the worker; of one that is dead already it holds BrokenProcessPool.
 
-    By a thread, which Ctrl-C does not reach: amid a start it would leave a worker that nobody knows and ends.
+    By a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
     """
-    found: list[Future[Any]] = []
+    futures: list[Future[Any]] = []
 
     def submit() -> None:
         try:
-            found.append(worker.submit(function, *given))
+            futures.append(worker.submit(function, *given))
         except BaseException as error:
             failed: Future[Any] = Future()
             # The pipe to a worker breaks where it dies while it starts.
             failed.set_exception(BrokenProcessPool(error) if isinstance(error, BrokenPipeError) else error)
-            found.append(failed)
+            futures.append(failed)
 
     thread = Thread(target=submit)
     try:
         thread.start()
         thread.join()
-        return found[0]
+        return futures[0]
     finally:
         if thread.is_alive():
             thread.join()
@@ -163,7 +163,7 @@ def _end(worker: Worker) -> None:
 
 
 def _dismiss(workers: Sequence[Worker]) -> None:
-    """In their own time, all together."""
+    """Independently; wait for all."""
     for worker in workers:
         worker.shutdown(wait=False)
     for worker in workers:

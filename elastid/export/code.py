@@ -15,7 +15,7 @@ import casadi as ca
 from elastid.base.escape import c_comment, one_line
 from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:

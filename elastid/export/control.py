@@ -11,7 +11,7 @@ from elastid.base.escape import docstring
 from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 _LABEL = '''def label(name):
     """A name as python-control takes it, which refuses dots."""
@@ -111,8 +111,8 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs."""
     arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
-        of = G.configuration.name
-        arrays |= _measured(G) | {f"{of}/inputs": np.array(G.inputs), f"{of}/outputs": np.array(G.outputs)}
+        place = G.configuration.name
+        arrays |= _measured(G) | {f"{place}/inputs": np.array(G.inputs), f"{place}/outputs": np.array(G.outputs)}
     data, loader = folder / "responses.npz", folder / "load_responses.py"
     _save(data, arrays)
     first = responses[0]
@@ -131,9 +131,9 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
 
 def _measured(G: FrequencyResponse) -> dict[str, np.ndarray]:
     """The arrays of a measured response."""
-    of = G.configuration.name
-    std = {} if G.uncertainty is None else {f"{of}/std": np.sqrt(G.uncertainty.variance)}
-    return {f"{of}/freq_hz": G.freq_hz, f"{of}/G": G.G} | std
+    place = G.configuration.name
+    std = {} if G.uncertainty is None else {f"{place}/std": np.sqrt(G.uncertainty.variance)}
+    return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
 
 
 def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:

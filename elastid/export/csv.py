@@ -21,7 +21,7 @@ from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 _COLUMNS = (
     "configuration",
@@ -41,8 +41,8 @@ def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Seque
     with text_file(path) as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(_COLUMNS)
-        for response, found in zip(responses, peaks, strict=True):
-            for peak in found:
+        for response, own in zip(responses, peaks, strict=True):
+            for peak in own:
                 numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
                 place = (peak.output, peak.input, peak.lines, peak.misfit)
                 table.writerow(map(csv_cell, (response.configuration.name, *numbers, *place)))
@@ -65,8 +65,8 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
     """<configuration>-measured.csv for each response, and peaks.csv."""
-    found = [peaks(response) for response in responses]
-    return (*(_measured(folder, G) for G in responses), write_peaks(folder / "peaks.csv", responses, found))
+    all_peaks = [peaks(response) for response in responses]
+    return (*(_measured(folder, G) for G in responses), write_peaks(folder / "peaks.csv", responses, all_peaks))
 
 
 def _measured(folder: Path, G: FrequencyResponse) -> Path:
@@ -84,20 +84,20 @@ def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
     for linear, sure in zip(model.linear, model.uncertain_modes, strict=True):
-        found = modes(linear, model.theta)
-        columns = (each.tolist() for each in (found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std))
+        modal = modes(linear, model.theta)
+        columns = (each.tolist() for each in (modal.freq_hz, modal.zeta, sure.freq_std, sure.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
             # A mode of held numbers alone has no std.
             yield linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 
-def _response(of: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
-    elements = [(a, b, f"{y}_{u}") for a, y in enumerate(of.outputs) for b, u in enumerate(of.inputs)]
+def _response(measured: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
+    elements = [(a, b, f"{y}_{u}") for a, y in enumerate(measured.outputs) for b, u in enumerate(measured.inputs)]
     names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
     names += [f"std_{name}" for _, _, name in elements] if variance is not None else []
     yield "freq_hz", *names
     rows, columns = [a for a, _, _ in elements], [b for _, b, _ in elements]
-    for line, frequency in enumerate(of.freq_hz):
+    for line, frequency in enumerate(measured.freq_hz):
         g = G[line, rows, columns]
         std = [] if variance is None else np.sqrt(variance[line, rows, columns]).tolist()
         yield float(frequency), *g.real.tolist(), *g.imag.tolist(), *std

@@ -1,4 +1,4 @@
-"""What a fit knows of its numbers, in the words and columns that exported files carry; a held number has no std."""
+"""The numbers of a fit with their intervals, as exported files carry them; a held number has no std."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from elastid.parameters import Parameter
 class KnownNumber:
     """A number of the model in SI with its std and 95 % interval, NaN where it was held or tied.
 
-    name: of the number in the model.  words: what is known of it.
+    name: of the number in the model.  words: its interval, or why there is none.
     """
 
     name: str
@@ -27,7 +27,7 @@ class KnownNumber:
 
     @property
     def is_identified(self) -> bool:
-        """Whether the data have told its interval."""
+        """True if the data constrain it."""
         return math.isfinite(self.std)
 
 
@@ -60,5 +60,5 @@ def _known(result: FitResult, parameter: Parameter) -> KnownNumber:
         words = HELD if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
         return KnownNumber(name, unit, value, math.nan, math.nan, math.nan, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
-    words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not told by the data"
+    words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     return KnownNumber(name, unit, value, std, low, high, words)

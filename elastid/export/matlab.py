@@ -16,7 +16,7 @@ from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
@@ -154,14 +154,14 @@ def _system(system: Any) -> dict[str, Any]:
     }
 
 
-def _response(freq_hz: Any, G: Any, of: Any) -> dict[str, Any]:
+def _response(freq_hz: Any, G: Any, measured: Any) -> dict[str, Any]:
     return {
-        "configuration": of.configuration.name,
+        "configuration": measured.configuration.name,
         "ResponseData": np.moveaxis(G, 0, 2),
         "Frequency": freq_hz,
         "FrequencyUnit": "Hz",
-        "InputName": np.array(of.inputs, dtype=object),
-        "OutputName": np.array(of.outputs, dtype=object),
+        "InputName": np.array(measured.inputs, dtype=object),
+        "OutputName": np.array(measured.outputs, dtype=object),
         "Ts": 0.0,
     }
 

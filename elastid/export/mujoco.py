@@ -36,7 +36,7 @@ from elastid.export.mujoco_loops import (
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 # Of a robot without loops.
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
@@ -84,9 +84,9 @@ def _check(robot: Robot) -> None:
         )
     for joint in robot.driven:
         if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
-            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            cause = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
             raise StudyError(
-                f"robot {robot.name}: the motor of joint {joint.name} {what}, which MJCF's armature cannot represent; "
+                f"robot {robot.name}: the motor of joint {joint.name} {cause}, which MJCF's armature cannot represent; "
                 "export to casadi or c instead"
             )
     if robot.gears:
@@ -194,10 +194,10 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
 
 
 def _intervals(root: ET.Element, model: FittedRobot) -> None:
-    """What the fit knows of its numbers, as custom arrays, which move nothing."""
+    """The numbers of the fit with their intervals as custom arrays, which move nothing."""
     custom = ET.SubElement(root, "custom")
-    told = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
-    ET.SubElement(custom, "text", name="numeric", data=told)
+    legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
+    ET.SubElement(custom, "text", name="numeric", data=legend)
     for known in known_numbers(model):
         if known.is_identified:
             row = numbers((known.value, known.std, known.low, known.high))
@@ -212,20 +212,20 @@ def _keyframes(
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in rest:
         now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
-        at = _positions(model, point) | rod_positions(start, now, model.robot)
-        q = [value for joint in joints for value in at[joint]]
+        positions = _positions(model, point) | rod_positions(start, now, model.robot)
+        q = [value for joint in joints for value in positions[joint]]
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=numbers(q), ctrl=numbers(point.u))
 
 
 def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
     """Positions of the joints of the bodies by their names in the file."""
-    at = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
-    found: dict[str, list[float]] = {}
+    angles = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
+    positions: dict[str, list[float]] = {}
     for joint in model.robot.joints:
-        angle = at[f"joint {joint.name}"]
+        angle = angles[f"joint {joint.name}"]
         if joint.is_flexible:
-            motor = at[f"motor {joint.name}"]
-            found |= {f"motor {joint.name}": [motor], f"twist {joint.name}": [angle - motor]}
+            motor = angles[f"motor {joint.name}"]
+            positions |= {f"motor {joint.name}": [motor], f"twist {joint.name}": [angle - motor]}
         else:
-            found[_driven(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
-    return found
+            positions[_driven(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
+    return positions

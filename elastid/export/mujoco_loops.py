@@ -52,8 +52,6 @@ def number(value: float) -> str:
 
 # Bodies that may be given an element for a joint: the element, and the body's axes in it.
 Elements = Mapping[str, tuple[ET.Element, Placement]]
-# m: between the two points by which the axis of a pin is closed.
-PIN_LENGTH = 0.1
 # kg, kg m^2: of the massless end of a rod and of its spin, which time steps need more of than the response.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-4
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
@@ -90,17 +88,17 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
 
 def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> dict[str, list[float]]:
     """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
-    found: dict[str, list[float]] = {}
+    positions: dict[str, list[float]] = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
         drawn = _aligned(start[loop.name].direction)
         turn = drawn.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ drawn
-        found[f"turn {loop.name}"] = quaternion(turn).tolist()
+        positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
             s = now[loop.name].elongation
-            found |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
-    return found
+            positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
+    return positions
 
 
 def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, direction: FloatArray) -> None:
@@ -162,13 +160,14 @@ def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
     points = [(np.zeros(3), np.zeros(3))]
     if loop.pin is not None and not loop.pin.planar:
         axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
-        points.append((PIN_LENGTH * unit_axis(axes[0]), PIN_LENGTH * unit_axis(axes[1])))
+        # The axis of a pin is closed by two points 0.1 m apart.
+        points.append((0.1 * unit_axis(axes[0]), 0.1 * unit_axis(axes[1])))
     return points
 
 
 def _site(element: ET.Element, mounted: Placement, name: str, point: tuple[float, ...], shift: FloatArray) -> None:
-    at = np.array(mounted.xyz) + mounted.rotation @ (np.array(point) + shift)
-    ET.SubElement(element, "site", name=name, pos=numbers(at))
+    place = np.array(mounted.xyz) + mounted.rotation @ (np.array(point) + shift)
+    ET.SubElement(element, "site", name=name, pos=numbers(place))
 
 
 def _connect(equality: ET.Element, name: str, first: str, second: str) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
     for name, observer in observers.items():
         states, key = observer.joint.states, identifiers[name]
         n = len(states)
-        of = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
-        lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {of}")
+        meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
+        lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
         lines.append(f"  starts with 95 % bands {_starts(observer.joint)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{n * n}], double angle, double load);")
         declared.append(
@@ -110,14 +110,14 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
 
 def _starts(joint: FollowedJoint) -> str:
     """The followed numbers before the first sample, with their bands."""
-    start, told = first_estimate(joint, 0.0), []
+    start, bands = first_estimate(joint, 0.0), []
     std = np.sqrt(np.diag(start.P))
     for i, state in enumerate(joint.states):
         if state in joint.followed:
             ends = start.x[i] + QUANTILE_95 * std[i] * np.array([-1, 1])
             low, high = ends if state == "offset" else np.exp(ends)
-            told.append(f"{state} {low:.4g} to {high:.4g}")
-    return ", ".join(told)
+            bands.append(f"{state} {low:.4g} to {high:.4g}")
+    return ", ".join(bands)
 
 
 def _row(values: list[float]) -> str:

@@ -19,7 +19,7 @@ from elastid.base.errors import StudyError
 from elastid.base.escape import csv_cell, file_name, uff_text
 from elastid.record import Motion
 from elastid.response import FrequencyResponse
-from elastid.store import replacing, text_file
+from elastid.store.files import replacing, text_file
 
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.

@@ -21,10 +21,9 @@ from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
-from elastid.store import text_file
+from elastid.store.files import text_file
 
 # What the format asks for where a robot's file has no limit.
-UNLIMITED = 1e6
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -65,19 +64,19 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
 
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
-    at = pose @ _matrix(body.placement)
+    axis_pose = pose @ _matrix(body.placement)
     joints = [joint for joint in body.joints if _moves(joint)]
     names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):
         to_axis = _shift(np.array(joint.point, dtype=float))
-        _joint(root, robot, joint, parent, name, at @ to_axis)
+        _joint(root, robot, joint, parent, name, axis_pose @ to_axis)
         ET.SubElement(root, "link", name=name)
-        parent, at = name, _shift(-to_axis[:3, 3])
+        parent, axis_pose = name, _shift(-to_axis[:3, 3])
     if not joints:
         ET.SubElement(root, "link", name=body.name)
-        _fixed(root, body.name, parent, body.name, at)
-        parent, at = body.name, np.eye(4)
-    own = at @ _matrix(body.mounting)
+        _fixed(root, body.name, parent, body.name, axis_pose)
+        parent, axis_pose = body.name, np.eye(4)
+    own = axis_pose @ _matrix(body.mounting)
     if body.mass or np.any(body.inertia_matrix):
         _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, own)
     return parent, own
@@ -90,7 +89,7 @@ def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
 
 
 def _moves(joint: Joint) -> bool:
-    """Whether a joint moves in the rigid robot: driven or passive, and not elastic alone."""
+    """True if a joint moves in the rigid robot: driven or passive, and not elastic alone."""
     return joint.motor is not None or joint.is_passive
 
 
@@ -149,7 +148,7 @@ def _shift(by: FloatArray) -> FloatArray:
 
 
 def _left_out(robot: Robot) -> str:
-    """What the file does not carry."""
+    """The parts of the model that the file does not carry."""
     springs = [joint.name for joint in robot.joints if joint.spring is not None]
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []
@@ -158,7 +157,7 @@ def _left_out(robot: Robot) -> str:
 
 
 def _finite(value: float) -> float:
-    return math.copysign(min(abs(value), UNLIMITED), value)
+    return math.copysign(min(abs(value), 1e6), value)
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -15,7 +15,7 @@ from urllib.parse import quote, unquote
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.uncertainty.intervals import Profile
 from elastid.store.files import text_file
-from elastid.store.json_values import from_json, json_value
+from elastid.store.kinds import from_json, json_value
 from elastid.validation.comparison import Refit
 
 # Types of the parts by their kind in a file.

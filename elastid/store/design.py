@@ -15,7 +15,8 @@ from elastid.base.units import of_translation
 from elastid.experiment.plan.friction import PassReference
 from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.store.files import NO_STAMP, Stamp, text_file
+from elastid.store.artefacts import NO_STAMP, Stamp
+from elastid.store.files import text_file
 from elastid.store.reading import read_optional_part, read_part
 from elastid.store.values import write_artefact
 

@@ -1,98 +1,39 @@
-"""Files that are whole or absent, with the provenance of artefacts; HDF5 that is damaged or of others is refused.
+"""Files of a run folder: whole or absent, with checksums that a damaged disk is noticed by, and with one writer.
 
-HDF5 cannot close a file that it cannot write: on a full disk it tries again when the process ends, and crashes it.  So
-`DiskFile` keeps the first error of the disk until the file is closed, and reports success to HDF5.
+A file is written under another name, synced and renamed.  An artefact carries the SHA-256 of its HDF5 part in the user
+block in front of it, which is text and belongs to no program: every reader of HDF5 looks for the data behind it.  The
+checksums of texts, pages and figures are in checksums.sha256, as `sha256sum --check` reads them: a bit that flips in
+summary.json would change a number that a fleet or another program reads, and one in references/*.csv a motion of the
+robot.
+
+The lock is taken back by the system when its owner ends, however it ends.  Its file names the owner, for the message
+that a second writer gets.  The library filelock (4.2) would not make this shorter: it neither names the owner nor hands
+out the open file to write the name to, leaves its file in the folder, and follows rules of its own for links.
 """
 
 from __future__ import annotations
 
-import io
+import hashlib
+import json
 import os
-from collections.abc import Iterator
+import socket
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
+from datetime import UTC, datetime
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any, TextIO
+from typing import BinaryIO, TextIO, TypeVar
 
-import h5py
-import numpy as np
+from elastid.base.errors import ElastidError
+from elastid.base.files import unlinked
 
-from elastid.base.errors import DataError, ElastidError
-from elastid.base.files import require_own_data
-from elastid.store.checksum import USER_BLOCK, is_intact, write_checksum
+T = TypeVar("T")
 
-# Version of the layout of all artefacts; a reader reads files of its own version.
-FORMAT = 2
-TEXT = h5py.string_dtype()
-# An attribute holds 64 KB at most: longer texts are datasets.
-_LONG_TEXT = 4096
-# The command that makes an artefact again, by its kind.
-_COMMANDS = {
-    "plan": "design",
-    "records": "measure",
-    "frf": "estimate",
-    "fit": "fit",
-    "validation": "validate",
-    "friction plan": "design",
-    "friction records": "measure",
-    "friction levels": "levels",
-    "friction": "friction",
-    "filter": "follow",
-}
-
-
-@dataclass(frozen=True)
-class Stamp:
-    """Provenance of an artefact: hashes of its inputs and of the code that made it, and the text of the study.
-
-    inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source
-    and of the versions of the libraries that results depend on.  software: these versions and the platform, in words.
-    part: hash of the inputs of the part that later stages read, where it depends on less than the rest.
-    Date and command are in run.log: the same study gives the same bytes.
-    """
-
-    inputs: str = ""
-    code: str = ""
-    version: str = ""
-    seed: int = 0
-    study: str = ""
-    software: str = ""
-    part: str = ""
-
-    @property
-    def shown(self) -> dict[str, str]:
-        """Its entries on a page, by their headings."""
-        return {
-            "made by": self.software or f"elastid {self.version}",
-            "seed": str(self.seed),
-            "hash of the inputs": self.inputs,
-            "hash of the code": self.code,
-        }
-
-    def is_of(self, wanted: Stamp) -> bool:
-        """True where inputs and code are those of another stamp."""
-        return (self.inputs, self.code) == (wanted.inputs, wanted.code)
-
-
-NO_STAMP = Stamp()
-
-
-@contextmanager
-def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
-    """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
-    with replacing(path) as temporary:
-        with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
-            file.attrs["elastid"] = kind
-            file.attrs["format"] = FORMAT
-            provenance = file.create_group("provenance")
-            for name, value in asdict(stamp).items():
-                if name == "study":
-                    provenance.create_dataset(name, data=value, dtype=TEXT)
-                else:
-                    provenance.attrs[name] = value
-            yield file
-        write_checksum(temporary)
+# The smallest that HDF5 allows.
+USER_BLOCK = 512
+_MARK = b"elastid, SHA-256 of what follows these 512 bytes: "
+CHECKSUMS = "checksums.sha256"
+LOCK = ".lock"
 
 
 @contextmanager
@@ -139,157 +80,174 @@ def remove_leftovers(folder: Path) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def write_checksum(path: Path) -> None:
+    """Put the checksum of a finished file into its user block."""
+    digest = _digest(path)
+    with path.open("r+b") as file:
+        file.write(_user_block(digest))
+
+
+def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
+    """A check of a file that is made once for each version of it: results are opened often."""
+    cached = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
+
+    @wraps(check)
+    def checked(path: Path | str) -> T:
+        version = os.stat(path)
+        result: T = cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+        return result
+
+    return checked
+
+
+@once_per_version
+def is_intact(path: Path) -> bool:
+    """True for a file that is as it was written, or has no checksum."""
+    with path.open("rb") as file:
+        head = file.read(USER_BLOCK)
+    return not head.startswith(_MARK) or head == _user_block(_digest(path))
+
+
+def has_checksum(path: Path | str) -> bool:
+    """True for a file with a checksum: those of older versions have none, nor those whose first bytes are damaged."""
+    with Path(path).open("rb") as file:
+        return file.read(len(_MARK)) == _MARK
+
+
+def _user_block(digest: bytes) -> bytes:
+    return (_MARK + digest + b"\n").ljust(USER_BLOCK, b"\0")
+
+
+def _digest(path: Path) -> bytes:
+    digest = hashlib.sha256()
+    with path.open("rb", buffering=0) as file:
+        file.seek(USER_BLOCK)
+        while piece := file.read(1 << 22):
+            digest.update(piece)
+    return digest.hexdigest().encode()
+
+
+def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
+    """The files that have changed since `keep_checksums`; a file without a checksum has not.
+
+    names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
+    """
+    known = _known(folder)
+    return tuple(name for name in _files(folder, names) if name in known and known[name] != content_hash(folder / name))
+
+
+def is_as_written(path: Path) -> bool | None:
+    """True for a file of a run folder that is as it was at `keep_checksums`; None for a file without a checksum."""
+    path = path.resolve()
+    for folder in path.parents[:2]:  # a run folder and those in it: figures, references
+        if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
+            return expected == content_hash(path)
+    return None
+
+
+def keep_checksums(folder: Path, names: Iterable[str]) -> None:
+    """Take down the files as they are now, and forget those that are gone; names: as those of `changed_texts`."""
+    known = _known(folder)
+    now = {name: digest for name, digest in known.items() if (folder / name).is_file()}
+    now |= {name: content_hash(folder / name) for name in _files(folder, names)}
+    if now != known:
+        with text_file(folder / CHECKSUMS) as file:
+            file.writelines(f"{now[name]}  {name}\n" for name in sorted(now))
+
+
+def _known(folder: Path) -> dict[str, str]:
+    """Checksum by name; a damaged line names no file, or reports an intact file as changed."""
+    path = folder / CHECKSUMS
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+    pairs = (line.partition("  ") for line in lines)
+    return {name: digest for digest, _, name in pairs if name and "\0" not in name}
+
+
+def _files(folder: Path, names: Iterable[str]) -> Iterator[str]:
+    for name in names:
+        for path in sorted(folder.glob(name)):
+            inside = sorted(path.rglob("*")) if path.is_dir() else [path]
+            yield from (file.relative_to(folder).as_posix() for file in inside if file.is_file())
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 @contextmanager
-def opened(path: Path | str, kind: str) -> Iterator[Any]:
-    """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
-    path = Path(path)
-    if path.is_dir():
-        raise DataError(f"{path}: is a folder; name one of the files in it")
-    if not path.is_file():
-        raise DataError(f"{path}: no such file")
-    # Before HDF5 looks at it: some damages end the process there.
-    if not is_intact(path):
-        raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
-    try:
-        with h5py.File(path, "r") as file:
-            _require_kind(path, file, kind)
-            yield file
-    except (ElastidError, MemoryError):
-        raise
-    except OSError as error:
-        raise DataError(
-            f"{path}: not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
-            "was one, it is damaged: delete it and run again"
-        ) from None
-    except Exception as error:  # what a damaged file makes h5py and NumPy raise
-        raise DataError(
-            f"{path}: damaged, or of an older layout ({_first_line(error)}); delete it and run again"
-        ) from error
+def one_writer(folder: Path) -> Iterator[None]:
+    """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
+    ElastidError, too, where the file of the lock is a link.
 
-def _require_kind(path: Path, file: Any, kind: str) -> None:
-    """DataError of an artefact of another kind or format than this."""
-    _require_own_data(path)
-    stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
-    if stored != kind:
-        holds = f"holds {stored}" if stored else "was not written by elastid"
-        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect` shows what a file holds")
-    if written > FORMAT:
-        raise DataError(
-            f"{path}: format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
-            "delete the file and run again"
-        )
-    if written < FORMAT:
-        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
-        raise DataError(
-            f"{path}: format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
-            f"and {command} again"
-        )
-
-
-def _require_own_data(path: Path) -> None:
-    """`require_own_data`, of each version of a file once: results have thousands of members, and are opened often."""
-    version = os.stat(path)
-    _search_for_foreign_data(path, version.st_ino, version.st_size, version.st_mtime_ns)
-
-
-@lru_cache(maxsize=256)
-def _search_for_foreign_data(path: Path, inode: int, size: int, written_ns: int) -> None:
-    with h5py.File(path, "r") as file:
-        require_own_data(file)
-
-
-def read_stamp(path: Path | str) -> Stamp | None:
-    """Provenance of an artefact; None where it is missing, truncated or foreign."""
-    try:
-        if not is_intact(Path(path)):
-            return None
-        with h5py.File(path, "r") as file:
-            attributes = {name: plain(value) for name, value in file["provenance"].attrs.items()}
-            attributes["study"] = file["provenance/study"].asstr()[()]
-    except Exception:  # what a damaged file makes h5py raise
-        return None
-    known = {field.name for field in fields(Stamp)}
-    return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
-
-
-def attributes(group: Any) -> dict[str, Any]:
-    """The attributes of a group as plain numbers and texts."""
-    return {name: plain(value) for name, value in group.attrs.items()}
-
-
-def plain(value: Any) -> Any:
-    """A number of NumPy as that of Python."""
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def put_text(group: Any, name: str, text: str) -> None:
-    """A text as an attribute of a group, a long one as a dataset in it."""
-    if len(text) < _LONG_TEXT:
-        group.attrs[name] = text
-    else:
-        group.create_dataset(name, data=text, dtype=TEXT)
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
-
-
-def kind_of(path: Path | str) -> str | None:
-    """The kind of artefact in a file; None where it is none of elastid."""
-    try:
-        with h5py.File(path, "r") as file:
-            kind = file.attrs.get("elastid")
-    except Exception:  # no HDF5, or so damaged that h5py raises anything
-        return None
-    return kind if isinstance(kind, str) else None
-
-
-class DiskFile(io.RawIOBase):
-    """A new binary file for HDF5 to write; nothing more is written after an error of the disk, which `close` raises."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b", buffering=0)
-        self._error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        """All of it, or none after an error."""
-        rest = memoryview(data).cast("B")
-        total = len(rest)
+    On a disk whose system knows no locks it is not guarded.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / LOCK
+    with _locked(path) as file:
+        file.seek(0)
+        file.truncate()
+        file.write(json.dumps(_this_program()).encode())
+        file.flush()
         try:
-            while self._error is None and len(rest):
-                rest = rest[self._file.write(rest) :]
-        except OSError as error:
-            self._error = error
-        return total
+            yield
+        finally:
+            if os.name == "posix":  # elsewhere an open file cannot be removed
+                path.unlink(missing_ok=True)
+    if os.name != "posix":
+        _remove(path)
 
-    def readinto(self, buffer: Any) -> int:
-        """The bytes that were written, zeros behind their end."""
-        view = memoryview(buffer).cast("B")
-        count = self._file.readinto(view) or 0
-        view[count:] = bytes(len(view) - count)
-        return len(view)
 
-    def truncate(self, size: int | None = None) -> int:
-        """Cut or extended."""
-        try:
-            return 0 if self._error is not None else self._file.truncate(size)
-        except OSError as error:
-            self._error = error
-            return 0
+@contextmanager
+def _locked(path: Path) -> Iterator[BinaryIO]:
+    """The locked file, which is still the one of that name."""
+    while True:
+        with open(path, "a+b", opener=unlinked) as file:
+            if not _lock(file):
+                raise ElastidError(_refusal(path))
+            # Between opening and locking, the owner may have removed it.
+            if os.path.lexists(path) and os.path.samestat(os.fstat(file.fileno()), path.lstat()):
+                yield file
+                return
 
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """As that of a file."""
-        return self._file.seek(offset, whence)
 
-    def tell(self) -> int:
-        """As that of a file."""
-        return self._file.tell()
+def _lock(file: BinaryIO) -> bool:
+    """True where the lock was free; it is held then until the file is closed."""
+    try:
+        if os.name == "posix":
+            import fcntl
 
-    def close(self) -> None:
-        """Raises OSError where something could not be written."""
-        error, self._error = self._error, None
-        super().close()
-        self._file.close()
-        if error is not None:
-            raise error
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            import msvcrt
+
+            # Windows keeps others from reading a locked byte: this one is far behind the owner's name.
+            file.seek(1 << 20)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        pass  # a disk without locks
+    return True
+
+
+def _this_program() -> dict[str, str | int]:
+    return {"process": os.getpid(), "host": socket.gethostname(), "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"}
+
+
+def _refusal(path: Path) -> str:
+    try:
+        owner = json.loads(path.read_text(encoding="utf-8"))
+        who = f"process {owner['process']} on {owner['host']} has been writing there since {owner['since']}"
+    except (OSError, ValueError, TypeError, KeyError):
+        who = "another elastid is writing there"
+    return f"{path.parent}: {who}; wait until it has ended, or give another folder with --run"
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return  # another program has it by now

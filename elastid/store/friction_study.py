@@ -10,7 +10,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.store.files import NO_STAMP, Stamp, opened
+from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_part, read_value
 from elastid.store.values import write_artefact
 from elastid.validation.twin_run import NO_TWIN, TwinFindings

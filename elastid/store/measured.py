@@ -9,7 +9,7 @@ from elastid.base.errors import DataError, check_kind
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-from elastid.store.files import NO_STAMP, Stamp, opened
+from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
 from elastid.store.values import write_artefact
 

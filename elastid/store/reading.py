@@ -1,4 +1,4 @@
-"""Values from groups of HDF5: the one reader of all artefacts, by the types that `values` has written them from.
+"""Values from groups of HDF5, and their content as text: the one reader of all artefacts, by the types written.
 
 Whatever a file holds ends in a value of that type or in an exception, which `opened` makes a sentence of: types are
 those of the reader and never of the file, and no count in a file is believed that its data do not have.
@@ -15,16 +15,16 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import mapped
+from elastid.base.arrays import mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label
-from elastid.store.files import opened, plain
+from elastid.store.artefacts import attributes, kind_of, opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
 T = TypeVar("T")
-# Rows of a table of which no column says how many there are.
-_MAX_EMPTY_ROWS = 1_000_000
+# Values that are in memory at a time where a range is found.
+_BLOCK_VALUES = 1 << 20
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
 
 
@@ -42,19 +42,19 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
     """A dataclass of whose fields a group is."""
     attributes, members = dict(group.attrs.items()), set(group)
     known: dict[str, Any] = {}
-    for each in fields_of(kind):
-        content = kind_of_annotation(each.annotation)
+    for field in fields_of(kind):
+        content = kind_of_annotation(field.annotation)
         is_optional = content.form == "optional"
         if is_optional:
             content = kind_of_annotation(content.parts[0])
-        if each.name in members and content.form != "scalar":
-            known[each.name] = _READERS[content.form](group[each.name], content, each.label)
-        elif each.name in attributes:
-            known[each.name] = _scalar(attributes[each.name], content)
-        elif is_optional and each.name not in members:
-            known[each.name] = None
-        elif not each.may_be_empty:
-            known[each.name] = _scalar(group[each.name].asstr()[()], content)
+        if field.name in members and content.form != "scalar":
+            known[field.name] = _READERS[content.form](group[field.name], content, field.label)
+        elif field.name in attributes:
+            known[field.name] = _scalar(attributes[field.name], content)
+        elif is_optional and field.name not in members:
+            known[field.name] = None
+        elif not field.may_be_empty:
+            known[field.name] = _scalar(group[field.name].asstr()[()], content)
     return kind(**known)
 
 
@@ -156,14 +156,14 @@ def _read_rows(group: Any, kind: Kind) -> list[Any]:
     """A table of a dataclass, column by column; a column of which nothing is known is absent."""
     n = _scalar(group.attrs["length"], Kind("scalar", int))
     columns: dict[str, Any] = {}
-    for each in fields_of(kind.type):
-        if each.name in group:
-            columns[each.name] = _read_column(group[each.name], each.annotation, each.label)
-        elif kind_of_annotation(each.annotation).form != "optional":
-            columns[each.name] = []
-    if any(len(column) != n for column in columns.values()) or not 0 <= n <= _MAX_EMPTY_ROWS:
+    for field in fields_of(kind.type):
+        if field.name in group:
+            columns[field.name] = _read_column(group[field.name], field.annotation, field.label)
+        elif kind_of_annotation(field.annotation).form != "optional":
+            columns[field.name] = []
+    if any(len(column) != n for column in columns.values()) or not 0 <= n <= 1_000_000:
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
-    columns |= {each.name: [None] * n for each in fields_of(kind.type) if each.name not in columns}
+    columns |= {field.name: [None] * n for field in fields_of(kind.type) if field.name not in columns}
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 
@@ -205,3 +205,51 @@ def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[
     with opened(path, kind) as file:
         part: T | None = read_value(file, name, annotation) if name in file else None
         return part
+
+
+def described(path: Path | str) -> str:
+    """Groups, variables with axes, shapes, units and values, and the provenance of a file."""
+    kind = kind_of(path) or ""
+    with opened(path, kind) as file:
+        return "\n".join([f"{path}: {kind}, written by elastid", *_content_lines(file, 1)])
+
+
+def _content_lines(group: Any, depth: int) -> Iterator[str]:
+    indent = "  " * depth
+    for name, value in attributes(group).items():
+        if name not in ("elastid", "study"):
+            yield f"{indent}{name} = {value}"
+    for name, item in group.items():
+        if isinstance(item, h5py.Group):
+            yield f"{indent}{name}/"
+            yield from _content_lines(item, depth + 1)
+        elif name != "study":
+            yield f"{indent}{name} {_axes(item)}{_words(item)}{_shown_values(item)}"
+
+
+def _axes(dataset: Any) -> str:
+    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
+        return f"({dataset.size})"
+    # Not by `dataset.dims`: HDF5 takes the type of this attribute on trust, and a damaged one ends the process.
+    labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
+    if labels.shape != (dataset.ndim,):
+        labels = np.full(dataset.ndim, "")
+    words = (each.decode(errors="replace") if isinstance(each, bytes) else str(each) for each in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
+
+
+def _words(dataset: Any) -> str:
+    units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
+    return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
+
+
+def _shown_values(dataset: Any) -> str:
+    if not dataset.size:
+        return ""
+    if dataset.dtype.kind not in "fiubc":
+        return f" = {shown_values(np.asarray(dataset.asstr()[()]))}"
+    if dataset.size <= _BLOCK_VALUES:
+        return f" = {shown_values(np.asarray(dataset[()]))}"
+    n = max(1, _BLOCK_VALUES * len(dataset) // dataset.size)
+    blocks = (dataset[start : start + n] for start in range(0, len(dataset), n))
+    return f" = {shown_range(value_range(blocks), dataset.dtype.kind == 'c')}"

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
-from elastid.store.files import NO_STAMP, Stamp, text_file
-from elastid.store.json_values import from_json, json_value, or_text
+from elastid.store.artefacts import NO_STAMP, Stamp
+from elastid.store.files import text_file
+from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
 from elastid.validation.comparison import Comparison

@@ -25,7 +25,7 @@ from h5py import h5ds
 from elastid.base.arrays import PIECE_VALUES, release
 from elastid.base.escape import group_name
 from elastid.base.label import NO_LABEL, Label, unit_of_name
-from elastid.store.files import TEXT, Stamp, created, put_text
+from elastid.store.artefacts import TEXT, Stamp, created, put_text
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.

@@ -54,9 +54,9 @@ def load_fleet(path: Path) -> Fleet:
     source = read_source(path, str(path))
     if not isinstance(source.data, dict):
         raise StudyError(f"{path}:1:1: a fleet is a mapping with the keys name, study and members, table or folders")
-    spec, found = validate(source.data, FleetSpec)
-    if found:
-        raise make_error(source, found)
+    spec, problems = validate(source.data, FleetSpec)
+    if problems:
+        raise make_error(source, problems)
     study = path.parent / spec.study
     if not os.path.isfile(study):
         raise make_error(source, [Problem(("study",), f"no such file (looked for {study})")])
@@ -80,10 +80,10 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
         for own in _rows(path.parent / spec.table):
             yield _member(own, "", spec.set)
     if spec.folders is not None:
-        found = [_member(own, folder, spec.set) for own, folder in _folders(spec.folders, path.parent)]
-        if not found:
+        members = [_member(own, folder, spec.set) for own, folder in _folders(spec.folders, path.parent)]
+        if not members:
             raise StudyError(f"{path}: no folder is like {spec.folders} (below {path.parent}); correct the pattern")
-        yield from found
+        yield from members
 
 
 def _member(own: MemberSpec, folder: str, shared: Mapping[str, Any]) -> Member:
@@ -95,7 +95,7 @@ def _member(own: MemberSpec, folder: str, shared: Mapping[str, Any]) -> Member:
 def _filled(value: Any, names: Mapping[str, str]) -> str:
     """A value of an override as text, with the member's names; other braces stay."""
     text = value if isinstance(value, str) else repr(value)
-    return re.sub(r"\{(robot|date|folder)\}", lambda found: names[found[1]], text)
+    return re.sub(r"\{(robot|date|folder)\}", lambda match: names[match[1]], text)
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:

@@ -49,15 +49,14 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     path = Path(path)
     overrides = (overrides,) if isinstance(overrides, str) else tuple(overrides)
     source, robot_errors = _read(path, overrides)
-    study, found = validate(source.data, Study)
-    if found or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
-        found = [problem for problem in found if not robot_errors or problem.path != ("robot",)]
-        raise make_error(source, found, robot_errors)
+    study, problems = validate(source.data, Study)
+    if problems or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
+        problems = [problem for problem in problems if not robot_errors or problem.path != ("robot",)]
+        raise make_error(source, problems, robot_errors)
     study, unresolved = convert_to_si(study)
-    found = [*check_study(study, path.parent), *unresolved]
-    found = found or list(check_lines(study))
-    if found:
-        raise make_error(source, found)
+    problems = [*check_study(study, path.parent), *unresolved]
+    if problems := problems or list(check_lines(study)):
+        raise make_error(source, problems)
     return LoadedStudy(study, path, source.text, overrides)
 
 
@@ -92,7 +91,7 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
 
 
 def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
-    """The content of the robot's file in the place of its path."""
+    """The content of the robot's file instead of its path."""
     robot = source.data.get("robot")
     if not isinstance(robot, str):
         return source
@@ -125,10 +124,10 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
 def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str) -> YamlSource:
     place = Place(2, 0, 0, option)
     data, path = _put(source.data, keys, value.data, option)
-    kept = {known: places for known, places in source.places.items() if known[: len(path)] != path}
-    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in kept}
+    unchanged = {known: places for known, places in source.places.items() if known[: len(path)] != path}
+    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in unchanged}
     below = {(*path, *keys_below): (place, place) for keys_below in value.places}
-    return YamlSource(data, {**kept, **added, **below}, source.text)
+    return YamlSource(data, {**unchanged, **added, **below}, source.text)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:

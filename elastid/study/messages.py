@@ -27,9 +27,9 @@ _OF_KEY = "[key]"
 
 @dataclass(frozen=True)
 class Problem:
-    """One error: the key path, a sentence, and whether the key (not its value) is at fault.
+    """One error: the key path, a sentence, and True if the key (not its value) is at fault.
 
-    head: whether the comment at the head of the study says more, such as where a missing record can be had.
+    head: True if the comment at the head of the study says more, such as where a missing record can be had.
     """
 
     path: KeyPath
@@ -59,17 +59,17 @@ def _adapter(root: type) -> TypeAdapter[Any]:
 
 def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
     """The problems behind pydantic's `errors()`."""
-    found: list[Problem] = []
+    problems: list[Problem] = []
     unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
     for error in errors:
         path, union = _walk(error, data)
         if union is None:
-            found.append(_problem(error, path, root, data))
+            problems.append(_problem(error, path, root, data))
         else:
             unions.setdefault(union, []).append((path, error))
     for union, members in unions.items():
-        found += _union_problems(union, members, root, data)
-    return list(dict.fromkeys(found))
+        problems += _union_problems(union, members, root, data)
+    return list(dict.fromkeys(problems))
 
 
 def _find_booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
@@ -173,11 +173,11 @@ def value_at(data: Any, path: KeyPath) -> Any:
     return data
 
 
-def make_error(source: YamlSource, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
+def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: str = "") -> StudyError:
     """One line for each problem, in the order of the sources; last the errors of the robot's file and the head."""
-    found = tuple(found)
-    lines = [message for _, message in sorted({_line(source, problem) for problem in found})]
-    head = source.head if any(problem.head for problem in found) else ()
+    problems = tuple(problems)
+    lines = [message for _, message in sorted({_line(source, problem) for problem in problems})]
+    head = source.head if any(problem.head for problem in problems) else ()
     return StudyError("\n".join([first_of(lines), *filter(None, [robot_errors]), *head]).lstrip("\n"))
 
 

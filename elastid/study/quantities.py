@@ -29,38 +29,38 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
     """The study with every quantity a float in SI; and unknown names, wrong units, and what `choose` refuses."""
     if study.robot is None:
         return study, []
-    found: list[Problem] = []
+    problems: list[Problem] = []
     numbers = {**study.robot.parameters(study.robot.on_demand), **friction_numbers(study.robot)}
     named = named_on_demand(study.fit.parameters, study.robot)
     table: Table = {**study.robot.parameters(named), DELAY: (0.0, "s")}
     parameters = {
-        name: _convert_parameter(spec, name, table, numbers, found) for name, spec in study.fit.parameters.items()
+        name: _convert_parameter(spec, name, table, numbers, problems) for name, spec in study.fit.parameters.items()
     }
     study = replace(study, fit=replace(study.fit, parameters=parameters))
     simulated = study.experiment.simulated
     if simulated is not None:
         truth: dict[str, Quantity] = {
-            name: _convert(value, [name] if name in numbers else [], (*_TRUTH, name), numbers, found)
+            name: _convert(value, [name] if name in numbers else [], (*_TRUTH, name), numbers, problems)
             for name, value in simulated.truth.items()
         }
         study = replace(study, experiment=study.experiment.with_truth(truth))
-        found += _check_truth(study, truth) if not found else []
-    return study, found or ([] if study.friction is not None else _check_choice(study))
+        problems += _check_truth(study, truth) if not problems else []
+    return study, problems or ([] if study.friction is not None else _check_choice(study))
 
 
 def _convert_parameter(
-    spec: ParameterSpec, pattern: str, table: Table, every: Table, found: list[Problem]
+    spec: ParameterSpec, pattern: str, table: Table, every: Table, problems: list[Problem]
 ) -> ParameterSpec:
     """The spec in SI.  table: the parameters; every: with geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = list(matching(pattern.partition(SEPARATOR)[0], table))
 
     def number(value: Quantity, *keys: str | int) -> float:
-        return _convert(value, names, (*path, *keys), table, found)
+        return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
         known = nearest_parameter(pattern, table, every)
-        found.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
+        problems.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
     bounds = None if spec.bounds is None else (number(spec.bounds[0], "bounds", 0), number(spec.bounds[1], "bounds", 1))
@@ -69,23 +69,27 @@ def _convert_parameter(
         prior = replace(prior, mean=number(prior.mean, "prior", "mean"))
     if spec.tie is not None and (spec.tie.to not in table or spec.tie.to in names):
         message = f"cannot be tied to '{spec.tie.to}'; {did_you_mean(spec.tie.to, table)}"
-        found.append(Problem((*path, "tie", "to"), message))
+        problems.append(Problem((*path, "tie", "to"), message))
     return replace(spec, start=start, bounds=bounds, prior=prior)
 
 
-def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, found: list[Problem]) -> float:
-    """A number of parameters of one unit in SI; 0 beside a problem."""
+def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, problems: list[Problem]) -> float:
+    """A number of parameters of one unit in SI; 0 where there is a problem."""
     units = sorted({table[name][1] for name in names})
     if not units:
         name = str(path[-1])
-        found.append(Problem(path, f"no parameter of the robot is called '{name}'; {did_you_mean(name, table)}", True))
+        problems.append(
+            Problem(path, f"no parameter of the robot is called '{name}'; {did_you_mean(name, table)}", True)
+        )
     elif len(units) > 1:
-        found.append(Problem(path, f"matches parameters of different units ({', '.join(units)}); name them one by one"))
+        problems.append(
+            Problem(path, f"matches parameters of different units ({', '.join(units)}); name them one by one")
+        )
     else:
         try:
             return to_si(value, units[0])
         except ValueError as error:
-            found.append(Problem(path, str(error)))
+            problems.append(Problem(path, str(error)))
     return 0.0
 
 
@@ -103,7 +107,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
 
 
 def _check_choice(study: Study) -> list[Problem]:
-    """What `choose` refuses of all parameters together, at the key that its message names."""
+    """The refusal by `choose` of all parameters together, at the key that its message names."""
     try:
         choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError as error:

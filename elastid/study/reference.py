@@ -32,7 +32,6 @@ ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
 SCHEMA_NAME = "study.schema.json"
 
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-_WIDTH = 100
 
 
 @dataclass(frozen=True)
@@ -230,7 +229,7 @@ def overview() -> str:
     keys = list(keys_of(Study))
     width = max(len(key.name) for key in keys)
     lines = [
-        fill(key.text, _WIDTH, initial_indent=f"  {key.name:<{width}}  ", subsequent_indent=" " * (width + 4))
+        fill(key.text, 100, initial_indent=f"  {key.name:<{width}}  ", subsequent_indent=" " * (width + 4))
         for key in keys
     ]
     return "\n".join(
@@ -255,7 +254,7 @@ def _explanation(key: StudyKey) -> str:
 
 
 def _indented(paragraph: str) -> str:
-    return fill(paragraph, _WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    return fill(paragraph, 100, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _default(value: Any) -> str:

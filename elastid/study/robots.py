@@ -74,9 +74,9 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
 
 
 def _validated(source: YamlSource, kind: type) -> Any:
-    value, found = validate(source.data["robot"], kind)
-    if found:
-        raise make_error(source, [replace(problem, path=("robot", *problem.path)) for problem in found])
+    value, problems = validate(source.data["robot"], kind)
+    if problems:
+        raise make_error(source, [replace(problem, path=("robot", *problem.path)) for problem in problems])
     return value
 
 
@@ -93,14 +93,14 @@ def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
 def _plain(value: Any) -> Any:
     """Mappings, lists, numbers and texts; a number keeps all its digits."""
     if is_dataclass(value) and not isinstance(value, type):
-        found = {}
+        entries = {}
         for field in fields(value):
             own, default = getattr(value, field.name), field.default
             if field.default_factory is not MISSING:
                 default = field.default_factory()
             if own is not None and (default is MISSING or own != default) and not _is_unlimited(own):
-                found[field.name] = _plain(own)
-        return found
+                entries[field.name] = _plain(own)
+        return entries
     if isinstance(value, tuple):
         inner = CommentedSeq(map(_plain, value))
         if all(not isinstance(each, dict) for each in inner):

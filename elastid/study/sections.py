@@ -130,7 +130,7 @@ class Study:
 
     def fitted(self, responses: Iterable[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
         """The responses that the fit sees: those of configurations that are not left out for validation."""
-        return tuple(one for one in responses if one.configuration.name not in self.validation.left_out)
+        return tuple(response for response in responses if response.configuration.name not in self.validation.left_out)
 
     @property
     def seeded_fit(self) -> FitSpec:

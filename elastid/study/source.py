@@ -18,13 +18,6 @@ from elastid.base.escape import one_line
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
-# After expansion of aliases, which may repeat nodes without end.
-_MAX_NODES = 200_000
-_MAX_INTEGER = 2**63
-# So many errors are told; mending them mends most others.
-_MOST_ERRORS = 20
-# Characters of an error that are told; only names of absurd lengths make one longer.
-_MOST_CHARACTERS = 2000
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -117,15 +110,14 @@ def first_of(lines: Sequence[str]) -> str:
     >>> print(first_of(["study.yml:1:1: name" + 3000 * "e"])[995:1030])
     eeeee ... 1019 characters ... eeeee
     """
-    more = len(lines) - _MOST_ERRORS
-    told = [_ends_of(line) for line in lines[:_MOST_ERRORS]]
-    return "\n".join([*told, *([f"... and {more} further errors"] if more > 0 else [])])
+    most = 20  # correcting them corrects most others
+    more = len(lines) - most
+    return "\n".join([*map(_ends_of, lines[:most]), *([f"... and {more} further errors"] if more > 0 else [])])
 
 
 def _ends_of(line: str) -> str:
-    left_out = len(line) - _MOST_CHARACTERS
-    half = _MOST_CHARACTERS // 2
-    return line if left_out <= 0 else f"{line[:half]} ... {left_out} characters ... {line[-half:]}"
+    left_out = len(line) - 2000  # only names of absurd lengths make a line longer
+    return line if left_out <= 0 else f"{line[:1000]} ... {left_out} characters ... {line[-1000:]}"
 
 
 def _reason(error: MarkedYAMLError) -> str:
@@ -142,7 +134,7 @@ def _line_column(before: str) -> tuple[int, int]:
 
 
 def _half_character(text: str) -> bool:
-    """Whether a text has a surrogate, which an escape or an option can bring in and no file can hold."""
+    """True for a text with a surrogate, which an escape or an option can bring in and no file can hold."""
     return any("\ud800" <= c <= "\udfff" for c in text)
 
 
@@ -163,7 +155,7 @@ class _Reader:
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
         self.places[path] = (key_place, self.place(node))
-        if id(node) in self._open or len(self.places) > _MAX_NODES:
+        if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
             raise StudyError(f"{self.place(node)}: aliases repeat themselves without end, or make the file too large")
         self._open.add(id(node))
         if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
@@ -207,7 +199,7 @@ class _Reader:
                 return None
             if kind in ("bool", "int", "float"):
                 number = getattr(self.construct, f"construct_yaml_{kind}")(node)
-                if abs(number) < _MAX_INTEGER or kind == "float":
+                if abs(number) < 2**63 or kind == "float":
                     return number
                 raise OverflowError
             if kind in ("str", "timestamp", "value", "merge"):  # a date is a text here

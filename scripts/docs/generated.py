@@ -15,7 +15,7 @@ from plain_text import escaped, restructured
 
 import elastid
 from elastid.app.cli import cli, run_command
-from elastid.store import described
+from elastid.store.reading import described
 from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 

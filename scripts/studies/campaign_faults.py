@@ -41,7 +41,7 @@ from plants.injected_faults import ABSORBED, FAULTS
 from plants.injected_measurement import Measurement, true_measurement
 
 from elastid.app.cli import run_command
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 
 MAX_SILENT = 3.0
 QUICK = ("none", "torque constant of motor 1 +20 %", "encoder 2 one sample late", "posture c off by 10 deg")

@@ -39,8 +39,9 @@ from elastid.base.execution import surviving
 from elastid.export.uff import write_uff
 from elastid.record import Configuration
 from elastid.response import FrequencyResponse
-from elastid.store import read_fit, read_records, read_responses, read_validation
-from elastid.store.checksum import write_checksum
+from elastid.store.files import write_checksum
+from elastid.store.measured import read_records, read_responses
+from elastid.store.results import read_fit, read_validation
 
 MAX_S = 20.0
 HDF5 = (".h5", ".mat73")

@@ -33,8 +33,7 @@ from campaign_kills import FEW_PASSES, ROBOT, STUDY
 from elastid.app import scaffold
 from elastid.app.cli import run_command
 from elastid.app.stage_table import FRICTION, SIMULATED, module_of, stages_of
-from elastid.store.checksum import USER_BLOCK
-from elastid.store.text_checksums import CHECKSUMS
+from elastid.store.files import CHECKSUMS, USER_BLOCK
 
 NOTICED, NO_CONTENT, UNNOTICED = "noticed", "of no content", "UNNOTICED"
 

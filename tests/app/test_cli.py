@@ -19,7 +19,7 @@ from elastid.app import run as running
 from elastid.app.process import insisting
 from elastid.app.run import Run
 from elastid.app.stage_table import SIMULATED, stages_of
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
 

@@ -15,7 +15,7 @@ import pyarrow.parquet
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.store import keep_checksums
+from elastid.store.files import keep_checksums
 from elastid.study.fleet import load_fleet
 
 SOFT = "r2"

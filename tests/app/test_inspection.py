@@ -15,7 +15,7 @@ from elastid.base.arrays import ValueRange, value_range
 from elastid.base.errors import DataError, StudyError
 from elastid.record import Configuration, Record
 from elastid.recorded.files import log as log_of_arrays
-from elastid.store import write_records
+from elastid.store.measured import write_records
 
 T = np.arange(50) / 20.0
 

@@ -17,8 +17,8 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stages import validate as validating
-from elastid.base.execution import in_order, resumed
-from elastid.store import read_fit
+from elastid.base.execution import Execution, in_order
+from elastid.store.results import read_fit
 from elastid.study import load
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
@@ -204,8 +204,9 @@ def test_finished_work_is_not_done_again() -> None:
     kept = Impatient(3)
     names, items = [f"item-{i}" for i in range(8)], list(range(8))
     with pytest.raises(KeyboardInterrupt):
-        list(resumed(square, items, names, kept, 1))
+        list(Execution(checkpoint=kept).resumed(square, items, names))
     told: list[tuple[int, int]] = []
-    assert in_order(resumed(square, items, names, kept, 1, lambda *at: told.append(at))) == [i**2 for i in items]
+    execution = Execution(1, lambda *counts: told.append(counts), kept)
+    assert in_order(execution.resumed(square, items, names)) == [i**2 for i in items]
     assert worked == items
     assert told == [(n, 8) for n in range(3, 9)]

@@ -21,7 +21,8 @@ from elastid.app.stage_table import PLAN, SIMULATED, STAGES, Stage, function_of,
 from elastid.app.stages.design import design
 from elastid.app.work import StudyFiles, Work
 from elastid.fit.spec import ParameterSpec, RatioSpec
-from elastid.store import Stamp, read_plan
+from elastid.store.artefacts import Stamp
+from elastid.store.design import read_plan
 from elastid.study import LoadedStudy, Study, load
 
 PACKAGE = Path(elastid.__file__).parent

@@ -16,7 +16,7 @@ from elastid.app.cli import run_command
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.simulated.structure import shake, true_modes, true_response
 from elastid.response import FrequencyResponse
-from elastid.store import read_responses
+from elastid.store.measured import read_responses
 
 MASSES = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
 

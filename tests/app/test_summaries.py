@@ -1,28 +1,56 @@
-"""What an identification is compared with where the truth is known."""
+"""summary.json has the same keys however a fit ends, and what was taken out of the responses."""
 
 from __future__ import annotations
 
-from elastid.app.summaries import truth
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.study import Study
+import json
+import math
+from typing import Any
 
+import pytest
+from plants.artefacts import some_fit
+from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
+
+from elastid.app.summaries import failure, summary
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+
+MOTOR = Motor(1e-3, 50, 1e-3, coulomb=0.1)
 ROBOT = Robot(
-    "an elastic axis and two rigid ones",
+    "an elastic axis and a rigid one",
     (
-        Body("a", joints=(Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 50, 1e-3, coulomb=0.1), 1.0),), inertia=1.0),
-        Body("b", "a", joints=(Joint("2", "y", None, Motor(1e-3, 50, 1e-3, coulomb=0.1), 1.0),), inertia=1.0),
-        Body("c", "b", joints=(Joint("3", "y", None, Motor(1e-3, 50, 1e-3), 1.0),), inertia=1.0),
+        Body("a", joints=(Joint("1", "z", Spring(1e4, 10.0), MOTOR, 1.0),), inertia=1.0),
+        Body("b", "a", joints=(Joint("2", "y", None, MOTOR, 1.0),), inertia=1.0),
     ),
 )
 
 
-def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> None:
-    """The motor's own, and that of a joint which turns rigidly with a motor: a fit is right not to meet them."""
-    known = truth(
-        Study("s", experiment=ExperimentSpec({"home": (0.0, 0.0, 0.0)}, simulated=SimulatedSpec()), robot=ROBOT)
-    )
-    assert known is not None
-    assert {"k_1", "d_1", "f_1", "fm_3", "f_3"} <= set(known)
-    assert not {"fm_1", "fm_2", "f_2"} & set(known)
+def summary_of(friction: FrictionTakenOut | None) -> Any:
+    """The section `friction` of summary.json."""
+    return summary("s", ROBOT, some_fit(), (), (), (), (), friction)["friction"]
+
+
+def test_a_fit_that_failed_has_the_keys_of_one_that_did_not() -> None:
+    """No program that reads it stumbles; without numbers."""
+    failed, done = failure("s", 7, "why"), summary("s", ROBOT, some_fit(), (), (), (), ())
+    assert list(failed) == list(done)
+    assert (failed["status"], failed["starts"], failed["parameters"]) == ("failed", 7, {})
+    assert done["starts"] == len(some_fit().starts)
+
+
+def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
+    """An entry a motor, as JSON; on the motor side as the robot file has it."""
+    assert summary_of(None) is None
+    entries = summary_of(taken_friction())
+    assert entries is not None
+    first, second = json.loads(json.dumps(entries))
+    std = math.hypot(*STDS)
+    assert (first["motor"], first["F_c"], first["std"]) == ("motor 1", 4.5, pytest.approx(std))
+    assert first["interval95"] == pytest.approx([4.5 - 1.96 * std, 4.5 + 1.96 * std])
+    assert first["coulomb"] == pytest.approx(4.5 / 50)
+    assert second["coulomb"] is None
+    assert first["shapes"] == [
+        {"kind": "sign", "threshold": 0.0, "level": LEVELS[0], "std": pytest.approx(STDS[0])},
+        {"kind": "stop", "threshold": THRESHOLD, "level": LEVELS[1], "std": pytest.approx(STDS[1])},
+    ]
+    assert (first["before"], first["after"]) == ({"c1": 0.41, "c2": 0.43}, {"c1": 0.11, "c2": 0.13})
+    assert (second["taken_out"], second["F_c"], second["shapes"]) == (False, None, [])

@@ -33,7 +33,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Robot
-from elastid.store import write_responses
+from elastid.store.measured import write_responses
 from elastid.study import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"

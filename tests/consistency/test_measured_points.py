@@ -24,7 +24,7 @@ from elastid.record import Configuration, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from elastid.store import read_records, read_responses, write_records, write_responses
+from elastid.store.measured import read_records, read_responses, write_records, write_responses
 from elastid.study import load
 
 FREQ = np.array([0.5, 2.0, 7.0, 30.0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.store import read_records, read_responses
+from elastid.store.measured import read_records, read_responses
 
 RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 ROBOT = """

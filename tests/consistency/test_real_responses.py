@@ -11,7 +11,7 @@ import pytest
 
 from elastid.app import cli
 from elastid.response import FrequencyResponse
-from elastid.store import read_responses
+from elastid.store.measured import read_responses
 from elastid.study import load
 from elastid.validation.results import antiresonances, resonances
 

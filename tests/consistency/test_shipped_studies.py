@@ -14,7 +14,8 @@ from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import WeightSpec
-from elastid.store import read_fit, read_responses
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit
 from elastid.study import load
 from elastid.validation.results import antiresonances, resonances
 

@@ -18,7 +18,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.quality import coherences
 from elastid.record import Configuration, Record
 from elastid.report.figures.response_quality import coherence, levels
-from elastid.store import read_configurations, write_records
+from elastid.store.measured import read_configurations, write_records
 
 
 def test_coherence_is_that_of_theory() -> None:

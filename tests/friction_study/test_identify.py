@@ -80,7 +80,7 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
 
 def test_the_summary_has_value_interval_origin_and_truth(found: FrictionResult) -> None:
     """And by name what was not identified."""
-    content = friction_study_summary(template().study, found)
+    content = friction_study_summary(template().study.name, found)
     row = content["parameters"]["Fc_m1"]
     assert row["interval95"][0] < row["value"] < row["interval95"][1]
     assert (row["unit"], row["truth"]) == ("N*m", 22.0)

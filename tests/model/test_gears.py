@@ -27,7 +27,7 @@ from elastid.recorded.link_side import to_joints
 from elastid.response import Covariance
 from elastid.robot import GearCoupling, Robot
 from elastid.robot.simplified import stiffened
-from elastid.store import read_records
+from elastid.store.measured import read_records
 from elastid.study import load
 
 seeds = st.integers(0, 2**31)

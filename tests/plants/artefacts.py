@@ -12,7 +12,7 @@ from elastid.base.note import Note
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.store import Stamp
+from elastid.store.artefacts import Stamp
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
 QUICK = settings(deadline=None, max_examples=15)

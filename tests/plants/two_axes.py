@@ -15,7 +15,7 @@ from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Robot
-from elastid.store import write_responses
+from elastid.store.measured import write_responses
 from elastid.study import load
 
 ROBOT = """\

@@ -12,7 +12,7 @@ from elastid.base.errors import DataError
 from elastid.base.files import MAX_MEMBERS
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents
-from elastid.store.description import described
+from elastid.store.reading import described
 
 SECRET = b"a secret that belongs to somebody else.."
 

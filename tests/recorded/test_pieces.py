@@ -23,7 +23,7 @@ from elastid.recorded import pieces as in_pieces
 from elastid.recorded.files.formats import rows_of
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.pieces import pieces
-from elastid.store import read_records, write_records
+from elastid.store.measured import read_records, write_records
 
 PERIODS = 40
 NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}

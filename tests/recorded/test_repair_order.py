@@ -24,7 +24,7 @@ from elastid.record import Configuration, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.store import read_records, read_responses, write_records, write_responses
+from elastid.store.measured import read_records, read_responses, write_records, write_responses
 
 N, P, RATE = 500, 6, 500.0
 

@@ -7,7 +7,7 @@ import pytest
 
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.uncertainty.intervals import Profile
-from elastid.store import Checkpoint
+from elastid.store.checkpoint import Checkpoint
 from elastid.validation.comparison import LeftOut, Refit
 
 START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")

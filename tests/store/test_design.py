@@ -13,7 +13,7 @@ from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.record import Configuration
-from elastid.store import (
+from elastid.store.design import (
     read_forecast,
     read_peaks,
     read_plan,

@@ -1,38 +1,207 @@
-"""Files are whole or absent, the same bytes for the same value, and refused where they are not ours."""
+"""Files are whole or absent, a bit that flips in them is noticed or harmless, and two programs never write at once."""
 
-import time
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from plants.artefacts import STAMP, some_fit
 
-from elastid.base.errors import DataError
-from elastid.store import (
-    read_fit,
-    read_responses,
-    read_stamp,
+from elastid.app.inspection import described
+from elastid.base.errors import DataError, ElastidError
+from elastid.store.artefacts import read_stamp
+from elastid.store.files import (
+    CHECKSUMS,
+    LOCK,
+    USER_BLOCK,
+    changed_texts,
+    has_checksum,
+    is_intact,
+    keep_checksums,
+    one_writer,
     text_file,
-    write_fit,
 )
-from elastid.store.checksum import write_checksum
-from elastid.store.files import FORMAT
+from elastid.store.results import read_fit, write_fit
+
+FLIPS = 60
 
 
-def test_the_same_value_gives_the_same_bytes(tmp_path):
-    """No clock in a file: a second apart, bit for bit the same."""
-    write_fit(tmp_path / "one.h5", some_fit(), STAMP)
-    time.sleep(1.1)
-    write_fit(tmp_path / "two.h5", some_fit(), STAMP)
-    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path: Path) -> None:
+    """Behind the user block every bit counts; in it a bit spoils the checksum, or the mark that one is there."""
+    path, spoilt = tmp_path / "fit.h5", tmp_path / "spoilt.h5"
+    write_fit(path, some_fit(), STAMP)
+    content, values = path.read_bytes(), read_fit(path).values
+    random = np.random.default_rng(1)
+    places = np.concatenate([random.integers(USER_BLOCK, len(content), FLIPS), random.integers(0, USER_BLOCK, 40)])
+    for number, place in enumerate(places):
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << int(random.integers(8))
+        spoilt = tmp_path / f"spoilt{number}.h5"
+        spoilt.write_bytes(flipped)
+        if place >= USER_BLOCK:
+            with pytest.raises(DataError, match=r"spoilt\d+\.h5: its content has changed"):
+                described(spoilt)
+            assert read_stamp(spoilt) is None
+            with pytest.raises(DataError, match=r"spoilt\d+\.h5: "):
+                read_fit(spoilt)
+        elif is_intact(spoilt):
+            assert not has_checksum(spoilt)
+            assert read_fit(spoilt).values == values
 
 
-def test_the_stamp_comes_back(tmp_path):
-    """Long studies included (an HDF5 attribute holds 64 KB at most)."""
-    write_fit(tmp_path / "fit.h5", some_fit(), STAMP)
-    assert read_stamp(tmp_path / "fit.h5") == STAMP
+def test_other_programs_read_the_file_behind_its_checksum(tmp_path: Path) -> None:
+    """The user block is HDF5's own place for a text of the owner; a file without one is read, too."""
+    path = tmp_path / "fit.h5"
+    write_fit(path, some_fit(), STAMP)
+    assert path.read_bytes().startswith(b"elastid, SHA-256 of what follows these 512 bytes: ")
+    with h5py.File(path) as file:
+        assert file.userblock_size == USER_BLOCK
+    (tmp_path / "bare.h5").write_bytes(path.read_bytes()[USER_BLOCK:])
+    assert read_fit(tmp_path / "bare.h5").values == read_fit(path).values
 
 
-def test_a_text_file_is_whole_or_absent(tmp_path):
+def test_a_file_that_was_written_again_is_looked_at_again(tmp_path: Path) -> None:
+    """What was found of a file holds for that version alone."""
+    path = tmp_path / "fit.h5"
+    write_fit(path, some_fit(), STAMP)
+    assert is_intact(path)
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    assert not is_intact(path)
+    write_fit(path, some_fit(), STAMP)
+    assert is_intact(path)
+
+
+NAMES = ("summary.json", "figures", "references/*.csv")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run folder with a text, a figure and a reference."""
+    for name in ("summary.json", "figures/a.png", "references/a.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(json.dumps({"stiffness": 12345.678}))
+    keep_checksums(tmp_path, NAMES)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["summary.json", "figures/a.png", "references/a.csv"])
+def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None:
+    """In a figure and in a reference, too, and `inspect` refuses it."""
+    content = (folder / name).read_bytes()
+    assert changed_texts(folder, NAMES) == ()
+    for bit in range(8 * len(content)):
+        spoilt = bytearray(content)
+        spoilt[bit // 8] ^= 1 << bit % 8
+        (folder / name).write_bytes(spoilt)
+        assert changed_texts(folder, NAMES) == (name,)
+    with pytest.raises(DataError, match=rf"{name}: its content has changed since it was written"):
+        described(folder / name)
+
+
+def test_a_figure_that_is_as_it_was_written_is_said_to_be(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It holds no signals; one that no run left is no file of elastid."""
+    monkeypatch.chdir(folder / "figures")
+    assert described(Path("a.png")) == "a.png: written by elastid, and unchanged since"
+    (folder / "figures" / "b.png").write_text("another")
+    with pytest.raises(DataError, match=r"b\.png: no numbers"):
+        described(Path("b.png"))
+
+
+def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
+    """It says at worst that an intact file has changed, and is written again."""
+    path = folder / CHECKSUMS
+    content = path.read_bytes()
+    for place in range(len(content)):
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1 << place % 8
+        path.write_bytes(spoilt)
+        assert len(changed_texts(folder, NAMES)) <= 1
+    keep_checksums(folder, NAMES)
+    assert changed_texts(folder, NAMES) == ()
+
+
+def test_files_that_are_gone_are_forgotten(folder: Path) -> None:
+    """A study with other figures leaves no old names."""
+    (folder / "figures" / "a.png").unlink()
+    keep_checksums(folder, NAMES)
+    assert "a.png" not in (folder / CHECKSUMS).read_text()
+    (folder / "figures" / "a.png").write_text("another")
+    assert changed_texts(folder, NAMES) == ()
+
+
+HOLDS = """
+import sys, time
+from pathlib import Path
+from elastid.store.files import one_writer
+with one_writer(Path(sys.argv[1])):
+    print("mine", flush=True)
+    time.sleep(60)
+"""
+
+
+def holding(folder: Path) -> subprocess.Popen[str]:
+    """Another program that writes there."""
+    other = subprocess.Popen([sys.executable, "-c", HOLDS, str(folder)], stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline() == "mine\n"
+    return other
+
+
+def test_the_second_writer_is_told_who_the_first_is(tmp_path: Path) -> None:
+    """By its process and host, and since when; the first goes on undisturbed."""
+    other = holding(tmp_path / "run")
+    try:
+        said = rf"process {other.pid} on .* since .* UTC; wait until .* --run"
+        with pytest.raises(ElastidError, match=said), one_writer(tmp_path / "run"):
+            pass
+        assert other.poll() is None
+    finally:
+        other.kill()
+        other.communicate()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_a_killed_writer_leaves_the_folder_free(tmp_path: Path) -> None:
+    """Its file is still there, and no obstacle; the next one leaves none."""
+    other = holding(tmp_path)
+    other.send_signal(signal.SIGKILL)
+    other.communicate()
+    assert (tmp_path / LOCK).exists()
+    with one_writer(tmp_path):
+        pass
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_many_that_come_at_once_take_turns(tmp_path: Path) -> None:
+    """Of programs that try until they may, never two are inside at the same time."""
+    script = """
+import sys, time
+from pathlib import Path
+from elastid.base.errors import ElastidError
+from elastid.store.files import one_writer
+folder, turns = Path(sys.argv[1]), 0
+while turns < 15:
+    try:
+        with one_writer(folder):
+            (folder / "inside").touch(exist_ok=False)
+            time.sleep(0.001)
+            (folder / "inside").unlink()
+            turns += 1
+    except ElastidError:
+        time.sleep(0.001)
+"""
+    others = [subprocess.Popen([sys.executable, "-c", script, str(tmp_path)]) for _ in range(3)]
+    assert [other.wait(60) for other in others] == [0, 0, 0]
+
+
+def test_a_text_file_is_whole_or_absent(tmp_path: Path) -> None:
     """The same for text."""
 
     def half() -> None:
@@ -43,53 +212,3 @@ def test_a_text_file_is_whole_or_absent(tmp_path):
     with pytest.raises(ValueError, match="stop"):
         half()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_foreign_truncated_or_missing_file_is_refused_by_name(tmp_path):
-    """One sentence that names the file, no HDF5 noise."""
-    path = tmp_path / "fit.h5"
-    with pytest.raises(DataError, match=r"fit\.h5: no such file"):
-        read_fit(path)
-    write_fit(path, some_fit(), STAMP)
-    with pytest.raises(DataError, match=r"fit\.h5: holds fit, expected frf"):
-        read_responses(path)
-    path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(DataError, match=r"fit\.h5: its content has changed since it was written"):
-        read_fit(path)
-    assert read_stamp(path) is None
-    path.write_text("not HDF5")
-    with pytest.raises(DataError, match=r"fit\.h5: not a readable HDF5 file"):
-        read_fit(path)
-    with h5py.File(path, "w") as file:
-        file["x"] = 1
-    with pytest.raises(DataError, match="not written by elastid"):
-        read_fit(path)
-    assert read_stamp(path) is None
-
-
-def test_reading_does_not_touch_the_file(tmp_path):
-    """Opened read-only: bytes and time stay."""
-    path = tmp_path / "fit.h5"
-    write_fit(path, some_fit())
-    path.chmod(0o444)
-    before = (path.read_bytes(), path.stat().st_mtime_ns)
-    read_fit(path)
-    assert (path.read_bytes(), path.stat().st_mtime_ns) == before
-
-
-def test_a_file_of_another_format_is_refused(tmp_path):
-    """A file has the version of its layout, one without is of before there were versions; a command makes it again."""
-    path = tmp_path / "fit.h5"
-    write_fit(path, some_fit(), STAMP)
-    with h5py.File(path, "r+") as file:
-        assert file.attrs["format"] == FORMAT
-        del file.attrs["format"]
-    write_checksum(path)
-    again = f"format 0, written by an older elastid; this one reads format {FORMAT}: delete the file, and `elastid fit`"
-    with pytest.raises(DataError, match=again):
-        read_fit(path)
-    with h5py.File(path, "r+") as file:
-        file.attrs["format"] = FORMAT + 1
-    write_checksum(path)
-    with pytest.raises(DataError, match=f"format {FORMAT + 1}, written by a newer elastid; this one reads format"):
-        read_fit(path)

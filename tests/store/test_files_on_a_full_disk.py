@@ -11,7 +11,8 @@ PROGRAM = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from elastid.store.files import NO_STAMP, created, text_file
+from elastid.store.artefacts import NO_STAMP, created
+from elastid.store.files import text_file
 
 def write(path):
     with created(path, "test", NO_STAMP) as file:

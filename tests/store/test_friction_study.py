@@ -9,7 +9,6 @@ from plants.friction_study import friction_result
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.record import FrictionRecord, WarmUpLog
-from elastid.store import described
 from elastid.store.friction_study import (
     read_friction_plan,
     read_friction_records,
@@ -17,6 +16,7 @@ from elastid.store.friction_study import (
     write_friction_records,
     write_friction_result,
 )
+from elastid.store.reading import described
 
 
 def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
-from elastid.store import (
+from elastid.store.measured import (
     read_configurations,
     read_friction,
     read_records,

@@ -1,7 +1,9 @@
-"""Fits and validations come back to the last bit."""
+"""Fits, validations and comparisons come back to the last bit; a comparison only for its own responses."""
 
 import dataclasses
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,12 +17,15 @@ from elastid.fit.result import ModificationIndex
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.measurement_chain import DifferenceElement, LagElement
 from elastid.record import Configuration, HeldTorque
-from elastid.store import (
+from elastid.store.results import (
+    read_comparison,
     read_fit,
     read_validation,
+    write_comparison,
     write_fit,
     write_validation,
 )
+from elastid.validation.comparison import ComparedModel, Comparison, Trial
 from elastid.validation.results import Agreement, Fold, Peak, Replay, Validation
 
 
@@ -137,3 +142,35 @@ def test_linear_models_come_back_to_the_last_bit(tmp_path):
     write_fit(tmp_path / "fit.h5", full)
     assert same(read_fit(tmp_path / "fit.h5"), full)
     assert list(read_fit(tmp_path / "fit.h5").linear[0].slopes) == ["d_1", "k_1"]
+
+
+MODELS = (
+    ComparedModel("own", 3, 1 / 3, 100, 0.0, np.array([0.1, 0.2]), 0.3, 2.0),
+    ComparedModel("failed", 0, math.inf, 0, math.inf, np.array([math.nan, 1.0]), math.nan, math.nan, "why"),
+)
+TRIALS = (
+    Trial(1, "free", ("2x",), ("gear 1", "2x"), 4, 2.0, 1.0, -1.0, 0.1, -5.0, True),
+    Trial(2, "rigid", ("gear 1",), ("2x",), 3, 1.0, math.inf, math.nan, math.inf, math.nan, False),
+)
+
+
+@pytest.mark.parametrize("trials", [(), TRIALS])
+def test_a_comparison_comes_back_to_the_last_bit(tmp_path, trials):
+    """With a search and without."""
+    written = Comparison(("a", "b"), MODELS, "own predicts best.", trials)
+    write_comparison(tmp_path / "compare.json", written, replace(STAMP, software="elastid 0.1.0, Python 3.11"))
+    assert same(read_comparison(tmp_path / "compare.json", STAMP), written)
+    content = json.loads((tmp_path / "compare.json").read_text())
+    assert (content["schema"], content["made by"]) == (1, "elastid 0.1.0, Python 3.11")
+
+
+def test_a_comparison_of_other_responses_or_a_damaged_one_is_not_there(tmp_path):
+    """Nor is a missing file."""
+    path = tmp_path / "compare.json"
+    assert read_comparison(path, STAMP) is None
+    write_comparison(path, Comparison(("a", "b"), MODELS, ""), STAMP)
+    assert read_comparison(path, replace(STAMP, inputs="other")) is None
+    assert read_comparison(path, replace(STAMP, code="other")) is not None
+    for text in ("", "[]", "{}", '{"schema": 0}'):
+        path.write_text(text)
+        assert read_comparison(path, STAMP) is None

@@ -20,8 +20,8 @@ from plants.artefacts import NAME, QUICK, STAMP, TEXT, same
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.label import labelled
-from elastid.store.checksum import write_checksum
-from elastid.store.json_values import from_json, json_value, or_text
+from elastid.store.files import write_checksum
+from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact, write_value
 

@@ -23,7 +23,7 @@ from elastid.record import Configuration
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 from elastid.study import load
 from elastid.study.checks.experiment import PLAN_KEYS
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from elastid.app.console import Console
+from elastid.app.identified_robot import truth
 from elastid.app.run import Run, run_all
-from elastid.app.summaries import truth
 from elastid.base.errors import StudyError
 from elastid.design.design import sticking
 from elastid.experiment.plan.plan import make_plan
@@ -79,7 +79,9 @@ def test_a_study_with_lugre_friction_and_a_lag_finds_stiffness_and_lag(tiny: Pat
     loaded = load(study)
     (law,) = frictions(loaded.study.robot)
     assert law.law == Bristle(20.0, 1e-3, 0.5)
-    assert "fm_1" not in (truth(loaded.study) or {})
+    assert "fm_1" not in (
+        truth(loaded.study.as_robot(), loaded.study.experiment.simulated, loaded.study.fit.parameters) or {}
+    )
     run_all(Run(loaded, study.parent / "run", 1, Console(-1)))
     summary = json.loads((study.parent / "run" / "summary.json").read_text())
     found = summary["parameters"]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from elastid.app.console import Console
-from elastid.app.tables import forecast_table
+from elastid.app.console import Console, forecast_table
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
@@ -26,7 +25,10 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store import Stamp, read_fit, read_responses, write_movement, write_plan, write_torque
+from elastid.store.artefacts import Stamp
+from elastid.store.design import write_movement, write_plan, write_torque
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit
 from elastid.study.checks.design import responses_file
 
 

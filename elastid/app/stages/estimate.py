@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import friction_line, shaft_couplings
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.display import digits, number
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
@@ -32,10 +32,9 @@ from elastid.recorded.files.formats import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.robot import Robot
-from elastid.store import kind_of, read_configurations, read_plan, read_records, read_responses, write_responses
-
-# Angles that differ by more, in rad (positions in m), are another configuration.
-MAX_ANGLE_DIFFERENCE = 1e-3
+from elastid.store.artefacts import kind_of
+from elastid.store.design import read_plan
+from elastid.store.measured import read_configurations, read_records, read_responses, write_responses
 
 
 def estimate(
@@ -47,7 +46,7 @@ def estimate(
     friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(_estimated, measure_file, estimator, lines, friction, E)
+    estimate_one = partial(estimate_configuration, measure_file, spec=estimator, lines=lines, friction=friction, E=E)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, read_configurations(measure_file))
     responses = [response for response, _ in estimates]
@@ -70,6 +69,14 @@ def import_responses(
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
+    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    if robot is None:
+        return None
+    E = robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E
+
+
 def estimate_configuration(
     path: Path,
     configuration: str,
@@ -84,20 +91,10 @@ def estimate_configuration(
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, E)
-    response = replace(response, repairs=_all_repairs(records))
-    return response, {note for record in records for note in record.notes}
-
-
-def _estimated(
-    path: Path,
-    spec: EstimatorSpec,
-    lines: IntArray | None,
-    friction: FrictionTakenOut | None,
-    E: FloatArray | None,
-    configuration: str,
-) -> tuple[FrequencyResponse, set[Note]]:
-    """`estimate_configuration`, the configuration last."""
-    return estimate_configuration(path, configuration, spec, lines, friction, E)
+    repairs: Counter[str] = Counter()
+    for record in records:
+        repairs.update(record.repairs)
+    return replace(response, repairs=dict(repairs)), {note for record in records for note in record.notes}
 
 
 def find_friction_of_run(
@@ -139,11 +136,23 @@ def _artefacts(
     return Artefacts({"frf.h5": lambda path, stamp: write_responses(path, responses, stamp, friction)}, report)
 
 
-def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for record in records:
-        total.update(record.repairs)
-    return dict(total)
+def friction_line(friction: FrictionTakenOut) -> str:
+    """One line for the terminal: the levels that were taken out; empty where none was."""
+    from elastid.nonlinear.result import friction_rows
+
+    rows = [row for row in friction_rows(friction) if row.level is not None]
+    parts = [
+        f"{row.place} {number(row.level, digits(row.level, row.std))} ± {row.std:.2g} {row.unit}"
+        for row in rows
+        if row.level is not None and row.std is not None
+    ]
+    if not parts:
+        return ""
+    left = max(row.kept_share for row in rows)
+    return (
+        f"friction taken out of the torque: {', '.join(parts)}; of the power of distortion and noise at most "
+        f"{100 * left:.2g} % is left"
+    )
 
 
 def imported_responses(
@@ -192,9 +201,8 @@ def _of_another_run(
     angles, given = response.configuration.angles, configuration.angles
     if robot is None:  # places are names, whatever they were measured on
         return replace(response, configuration=configuration)
-    if angles.shape != configuration.angles.shape or np.any(
-        np.abs(angles - configuration.angles) > MAX_ANGLE_DIFFERENCE
-    ):
+    # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
+    if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
         units = ", ".join(dict.fromkeys(joint.unit for joint in robot.driven))
         raise StudyError(
             f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "

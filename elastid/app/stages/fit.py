@@ -6,12 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elastid.app.console import Console
-from elastid.app.dry_friction import contents
-from elastid.app.identified_robot import robot_of_fit
+from elastid.app.console import Console, parameter_table
+from elastid.app.identified_robot import contents, robot_of_fit, truth
 from elastid.app.run import Run
-from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
-from elastid.app.tables import parameter_table
+from elastid.app.summaries import failure, interrupted, modes_of, summary, write_summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -23,10 +21,10 @@ from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import parameter_rows
+from elastid.report.content import ParameterRow, parameter_rows
 from elastid.robot import Robot
-from elastid.store import read_fit, read_friction, read_responses, write_fit
-from elastid.study import Study
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit, write_fit
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
@@ -47,7 +45,6 @@ def fit(
 
     An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
     """
-    study = Study(name=name, experiment=experiment, robot=robot, fit=seeded_fit)  # for the words of the summary
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
     fitted = [response for response in responses if response.configuration.name not in left_out]
     unfinished = work.checkpoint()
@@ -55,16 +52,19 @@ def fit(
         with work.execution(unfinished) as execution:
             result = identify(fitted, robot, seeded_fit, model=model, execution=execution)
     except FitError as error:
-        return Artefacts({"summary.json": _json(failure(study, str(error)))}, error=error)
+        return Artefacts({"summary.json": _json(failure(name, seeded_fit.starts, str(error)))}, error=error)
     except Interrupted as stop:
         words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
-        return Artefacts({"summary.json": _json(interrupted(study, stop.ends))}, lambda c: c.say(words), stop)
-    whole = FittedRobot.of(result, robot, responses, model)
+        content = interrupted(name, seeded_fit, robot, tuple(experiment.configurations), stop.ends)
+        return Artefacts({"summary.json": _json(content)}, lambda c: c.say(words), stop)
+    model_of_all = FittedRobot.of(result, robot, responses, model)
     agreements = [
-        agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, whole.responses, strict=True)
+        agreement(m, G, m.configuration.name in left_out)
+        for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
     notes = [note for response in responses for note in response.notes]
-    content = summary(study, result, modes_of(whole), agreements, notes, friction)
+    rows = _parameter_rows(robot, experiment, seeded_fit, result, friction)
+    content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
         console.notes(result.notes)
@@ -76,6 +76,14 @@ def fit(
     return Artefacts({"summary.json": _json(content), **robots, **result_file}, report)
 
 
+def _parameter_rows(
+    robot: Robot, experiment: ExperimentSpec, spec: FitSpec, result: FitResult, friction: FrictionTakenOut | None
+) -> tuple[ParameterRow, ...]:
+    true = truth(robot, experiment.simulated, spec.parameters, friction)
+    contained = contents(robot, experiment.simulated is not None, friction, result.parameters.free)
+    return parameter_rows(result, true, contained)
+
+
 def conclude(run: Run) -> None:
     """Show the parameters, the files, and in the last line the meaning of the status and the next step.
 
@@ -84,11 +92,11 @@ def conclude(run: Run) -> None:
     result = read_fit(run.path("fit"))
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
-    words_by_name = contents(run.study, friction, result.parameters.free) if estimated else {}
-    run.console.table(parameter_table(parameter_rows(result, truth(run.study, friction))))
-    for words in dict.fromkeys(words_by_name.values()):
-        names = [name for name, others in words_by_name.items() if others == words]
-        run.console.say(f"{', '.join(names)}: {words}")
+    study = run.study
+    rows = _parameter_rows(study.as_robot(), study.experiment, study.fit, result, friction)
+    run.console.table(parameter_table(rows))
+    for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
+        run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
     for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
         if path.exists():
             run.console.say(str(path))

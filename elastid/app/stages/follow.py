@@ -25,12 +25,6 @@ from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.elastic_joint import held_joint
 from elastid.store.friction_study import read_friction_records, read_friction_result, write_filter
 
-# Deflection at which bristles slip where no loop has identified it: counts of the encoder, or a share of the path.
-BRISTLE_COUNTS, BRISTLE_SHARE = 20, 1e-4
-# Share of the path; smaller steps of a position are rounding.
-MIN_COUNT_SHARE = 1e-7
-# Torque noise of a sample as a share of F_c, where neither levels nor motions have identified it.
-TORQUE_NOISE_SHARE = 0.05
 _PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}
 
 
@@ -113,7 +107,7 @@ def followable(
     motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
     angle = max(_count(record) for record in records) / np.sqrt(12)
     drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
-    torque = spec.torque_std or TORQUE_NOISE_SHARE * joint.coulomb
+    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
     correlated = torque if spec.correlation_time > 0 else 0.0
     return Followable(joint, motions, records[0].rate_hz, FilterNoise(float(angle), torque, correlated, drift=drift))
 
@@ -152,19 +146,19 @@ def _joint(
 
 
 def _count(record: FrictionRecord) -> float:
-    """The step of the position, or the smallest difference of two of its values; without steps a small share."""
+    """The step of the position, or the smallest difference of two of its values; below 1e-7 of the path is rounding."""
     if record.resolution > 0:
         return record.resolution
     gaps = np.diff(np.unique(record.position))
-    min_gap = MIN_COUNT_SHARE * float(np.ptp(record.position))
+    min_gap = 1e-7 * float(np.ptp(record.position))
     larger = gaps[gaps > min_gap]
     return float(np.min(larger)) if larger.size else min_gap
 
 
 def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
-    """A deflection that is small relative to the motion and larger than the encoder's counts."""
+    """Deflection at which bristles slip where no loop has identified it: 1e-4 of the path, or 20 encoder counts."""
     path = max(float(np.ptp(record.position)) for record in records)
-    return max([BRISTLE_SHARE * path, *(BRISTLE_COUNTS * record.resolution for record in records)])
+    return max([1e-4 * path, *(20 * record.resolution for record in records)])
 
 
 def _inertia(identified: JointFriction) -> float:

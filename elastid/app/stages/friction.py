@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from elastid.app.console import Console
+from elastid.app.console import Console, friction_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
-from elastid.app.stages.measure import measure_parts, part_path, report_count
+from elastid.app.stages.measure import gather_records, measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
-from elastid.app.tables import friction_table
 from elastid.app.work import Artefacts, Work, text
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
@@ -28,13 +26,12 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.spec import FrictionSpec, LoadSpec
-from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
-from elastid.store import Stamp
+from elastid.store.artefacts import Stamp
 from elastid.store.design import write_pass_reference, write_torque_reference
 from elastid.store.friction_study import (
     FRICTION,
@@ -49,7 +46,6 @@ from elastid.store.friction_study import (
     write_levels,
 )
 from elastid.store.results import read_twin
-from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
@@ -106,7 +102,8 @@ def simulate_motions(
     notes: list[Note] = []
 
     def write(path: Path, stamp: Stamp) -> None:
-        write_friction_records(path, _measured_motions(work.parts, rig.motions, notes), rig.warm_ups(), stamp=stamp)
+        records = gather_records(work.parts, rig.motions, lambda part: read_friction_records(part).records, notes)
+        write_friction_records(path, records, rig.warm_ups(), stamp=stamp)
 
     return Artefacts({"records.h5": write}, partial(report_count, notes, len(rig.motions)))
 
@@ -138,14 +135,6 @@ def _measure_motion(rig: FrictionRig, path: Path, stamp: Stamp, motion: PlannedM
     write_friction_records(path, [rig.measure(motion)], stamp=stamp)
 
 
-def _measured_motions(folder: Path, motions: Sequence[PlannedMotion], notes: list[Note]) -> Iterator[FrictionRecord]:
-    """The records in the order of the plan, one at a time; their notes are gathered on the way."""
-    for motion in motions:
-        for record in read_friction_records(part_path(folder, motion)).records:
-            notes += record.notes
-            yield record
-
-
 def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
     """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
     measured = read_friction_records(measure_file)
@@ -171,20 +160,19 @@ def friction(
     work: Work,
 ) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    study = Study(name=name, experiment=experiment, robot=robot, friction=friction)  # for the words of the summary
     joint_levels, measured = read_levels(levels_file), read_friction_records(measure_file)
     simulated, recorded = experiment.simulated, experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
         result = identify_friction(robot, joint_levels, measured, friction, truth)
     except FitError as error:
-        failed = failed_friction(study, str(error))
+        failed = failed_friction(name, str(error))
         return Artefacts({"summary.json": lambda path, stamp: write_summary(path, failed)}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
     twin = TwinFindings(friction_balances(result.joints, measured), runs)
-    content = friction_study_summary(study, result, twin)
+    content = friction_study_summary(name, result, twin)
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
@@ -242,7 +230,7 @@ def conclude(run: Run) -> None:
     missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")
-    meaning = f"these data do not tell {', '.join(missing)}" if missing else "each joint has its curve of friction"
+    meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work
@@ -14,10 +14,13 @@ from elastid.experiment.plan.plan import Experiment, Rig
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places
-from elastid.record import Record
+from elastid.record import FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Robot
-from elastid.store import Stamp, read_plan, read_records, read_stamp, remove_leftovers, write_records
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.design import read_plan
+from elastid.store.files import remove_leftovers
+from elastid.store.measured import read_records, write_records
 
 
 def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work) -> Artefacts:
@@ -28,6 +31,9 @@ def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file
 def import_logs(*, places: Places, experiment: ExperimentSpec, files: Path, work: Work) -> Artefacts:
     """records.h5 of the logs that the study names."""
     return _measure(RecordedRig(places, experiment, files), work)
+
+
+R = TypeVar("R", Record, FrictionRecord)
 
 
 class Named(Protocol):
@@ -46,7 +52,8 @@ def measure_parts(work: Work, parts: Sequence[Named], measure: Callable[[Path, S
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    remaining = [part for part in parts if not _is_measured(work, part)]
+    stamps = [read_stamp(part_path(work.parts, part)) for part in parts]
+    remaining = [p for p, stamp in zip(parts, stamps, strict=True) if stamp is None or not stamp.is_of(work.stamp)]
     if len(remaining) < len(parts):
         work.console.say(f"measure: resumed, {len(parts) - len(remaining)} of {len(parts)} {noun} are kept")
     with work.execution() as execution:
@@ -59,11 +66,6 @@ def part_path(folder: Path, part: Named) -> Path:
     return folder / f"{part.name}.h5"
 
 
-def _is_measured(work: Work, part: Named) -> bool:
-    stamp = read_stamp(part_path(work.parts, part))
-    return stamp is not None and stamp.is_of(work.stamp)
-
-
 def _measured_part(measure: Callable[[Path, Stamp, Any], None], folder: Path, stamp: Stamp, part: Named) -> None:
     measure(part_path(folder, part), stamp, part)
 
@@ -71,7 +73,7 @@ def _measured_part(measure: Callable[[Path, Stamp, Any], None], folder: Path, st
 def _measure(rig: Rig, work: Work) -> Artefacts:
     measure_parts(work, rig.experiments, partial(_measure_one, rig), "experiments")
     notes: list[Note] = []
-    records = _measured(rig, work.parts, notes)
+    records = gather_records(work.parts, rig.experiments, read_records, notes)
     return Artefacts(
         {"records.h5": lambda path, stamp: write_records(path, records, stamp)},
         partial(report_count, notes, len(rig.experiments)),
@@ -88,9 +90,11 @@ def _measure_one(rig: Rig, path: Path, stamp: Stamp, experiment: Experiment) -> 
     write_records(path, [rig.measure(experiment)], stamp)
 
 
-def _measured(rig: Rig, folder: Path, notes: list[Note]) -> Iterator[Record]:
+def gather_records(
+    folder: Path, parts: Iterable[Named], read: Callable[[Path], Iterable[R]], notes: list[Note]
+) -> Iterator[R]:
     """The records in the order of the plan, one at a time; their notes are gathered on the way."""
-    for experiment in rig.experiments:
-        for record in read_records(part_path(folder, experiment)):
+    for part in parts:
+        for record in read(part_path(folder, part)):
             notes += record.notes
             yield record

@@ -8,32 +8,23 @@ from types import MappingProxyType
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import contents
-from elastid.app.summaries import modes_of, truth
+from elastid.app.identified_robot import contents, truth
+from elastid.app.summaries import modes_of
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import FigureFormat, write_report
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
-from elastid.store import (
-    Stamp,
-    read_fit,
-    read_forecast,
-    read_friction,
-    read_peaks,
-    read_plan,
-    read_rehearsal,
-    read_responses,
-    read_stamp,
-    read_validation,
-)
-from elastid.store.results import read_comparison, read_twin
-from elastid.study import Study
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.design import read_forecast, read_peaks, read_plan, read_rehearsal
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
 
 
 def report(
@@ -56,7 +47,6 @@ def report(
 
     compare: compare.json, shown where it is of these responses.
     """
-    study = Study(name=name, experiment=experiment, robot=robot, fit=seeded_fit)  # for the words of the page
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted = FittedRobot.of(result, robot, responses, model)
@@ -69,7 +59,7 @@ def report(
         modes=modes_of(fitted),
         study_text=text,
         provenance=work.stamp.shown,
-        truth=truth(study, friction),
+        truth=truth(robot, experiment.simulated, seeded_fit.parameters, friction),
         plan=read_plan(design_file) if design_file is not None else None,
         forecast=read_forecast(design_file) if design_file is not None else None,
         limit_use=read_peaks(design_file) if design_file is not None else None,
@@ -80,7 +70,7 @@ def report(
         dense=dense_models(fitted),
         friction=friction,
         twin=read_twin(validate_file, "validation"),
-        contents=contents(study, friction, result.parameters.free),
+        contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
     )
     return page_artefacts(write_report, content, report, work)
 
@@ -105,3 +95,39 @@ def page_artefacts(
             console.say(line)
 
     return Artefacts({**further, "report.html": write}, report)
+
+
+def report_responses(
+    *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
+) -> Artefacts:
+    """The page, figures and peaks.csv of responses without a robot."""
+    # SciPy's signals, which come with the peaks, take long to load, and the page of a fit does without.
+    from elastid.export.csv import write_peaks
+    from elastid.frf.peaks import peaks
+    from elastid.report.content import ResponsesContent
+    from elastid.report.page.page import write_page_of_responses
+
+    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
+    resonances = tuple(peaks(response) for response in responses)
+    # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
+    if friction is not None and estimator.friction == "auto" and not friction.shapes:
+        friction = None
+    content = ResponsesContent(
+        title=name,
+        responses=responses,
+        peaks=resonances,
+        study_text=text,
+        provenance=work.stamp.shown,
+        friction=friction,
+    )
+    lines = []
+    for response, own in zip(responses, resonances, strict=True):
+        frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
+        unit = "Hz" if response.rate_is_known else "of the sampling rate"
+        words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
+        lines.append(f"report: {response.configuration.name}: {words}")
+
+    def table(path: Path, stamp: Stamp) -> None:
+        write_peaks(path, responses, resonances)
+
+    return page_artefacts(write_page_of_responses, content, report, work, {"peaks.csv": table}, lines)

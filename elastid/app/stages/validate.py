@@ -9,8 +9,8 @@ from itertools import chain
 from pathlib import Path
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import shaft_couplings
 from elastid.app.identified_robot import with_found_friction
+from elastid.app.stages.estimate import shaft_couplings
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -27,16 +27,9 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store import (
-    read_configurations,
-    read_fit,
-    read_friction,
-    read_plan,
-    read_records,
-    read_responses,
-    write_validation,
-)
-from elastid.study import Study
+from elastid.store.design import read_plan
+from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
+from elastid.store.results import read_fit, write_validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
@@ -107,8 +100,7 @@ def validate(
         runs = _twin_runs(own, measure_file, rig, execution) if measure_file is not None else ()
     balances = tuple(balance for each in in_time for balance in each.balances)
     twin = TwinFindings(balances, runs)
-    study = Study(name=name, experiment=experiment, robot=robot)  # for the words of the summary
-    content = validation_summary(study, judged, twin)
+    content = validation_summary(name, judged, twin)
 
     def report(console: Console) -> None:
         for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
@@ -186,7 +178,7 @@ class _Models:
     """The model of one configuration with its numbers (n_theta,), its parts or None, and the lines (F,) in Hz."""
 
     configuration: str
-    whole: LinearModel
+    linear: LinearModel
     theta: FloatArray
     parts: ModelParts | None
     freq_hz: FloatArray
@@ -215,7 +207,7 @@ def _in_time(
     balances = () if parts is None else elastic_balances(first, net, parts, freq_hz, spec)
     every = chain([net], net_records(records, friction, E))
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
-    return _InTime(replay(every, models.whole, models.theta, band_hz, spec), balances)
+    return _InTime(replay(every, models.linear, models.theta, band_hz, spec), balances)
 
 
 def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:

@@ -1,7 +1,7 @@
 """Kernels in C: a library that is built with the package, each kernel for several levels of processor.
 
 `scripts/kernels_hook.py` compiles the C files of this folder when a wheel or an editable installation is made. Where no
-C compiler was there, NumPy does the same work beside every call, equal to rounding. Which of the two it is depends on
+C compiler was there, NumPy does the same work instead, equal to rounding. Which of the two it is depends on
 the installation and the processor alone.
 """
 

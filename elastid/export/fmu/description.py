@@ -44,11 +44,11 @@ def layout(
     """The variables of a robot that starts at rest in the first of its configurations."""
     equations = model.model
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
-    at = equations.B.T @ points[0].q
+    position = equations.B.T @ points[0].q
     groups: dict[str, list[Variable]] = {
         "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
-        "TORQUE": _of(motors, "torque", "input", "continuous", "link-side torque beside the feedback", points[0].u),
-        "POSITION": _of(motors, "reference", "input", "continuous", "angle that the controller aims at", at),
+        "TORQUE": _of(motors, "torque", "input", "continuous", "link-side torque added to the feedback", points[0].u),
+        "POSITION": _of(motors, "reference", "input", "continuous", "angle that the controller aims at", position),
         "VELOCITY": _of(motors, "reference_speed", "input", "continuous", "speed that the controller aims at"),
         "ANGLE": _of(motors, "angle", "output", "continuous", "angle over its gear ratio"),
         "SPEED": _of(motors, "speed", "output", "continuous", "speed over its gear ratio"),

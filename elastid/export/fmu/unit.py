@@ -43,7 +43,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
-from elastid.store import replacing
+from elastid.store.files import replacing
 
 
 def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
@@ -83,18 +83,15 @@ def _dense(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
     return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
 
 
-# Rate of the controller until it is set.
-RATE_HZ = 1000.0
 COMPILERS = ("cc", "gcc", "clang")
 # Names of this system in both versions, and how its libraries end.
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
-_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     sources, described = unit_sources(model)
-    compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = []
     for version in (2, 3):
         content = {f"sources/{name}": text for name, text in sources.items() if name not in _other(version)}
@@ -113,7 +110,7 @@ def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     equations_of = model.model
     sliding = contacts(equations_of, frictions(model.robot))
     points = tuple(equilibrium(equations_of, model.theta[:-1], linear.configuration) for linear in model.linear)
-    rate_hz = RATE_HZ
+    rate_hz = 1000.0  # of the controller, until it is set
     fastest = max(fastest_rate(equations_of, sliding, point.q) for point in points)
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
     variables = layout(model, sliding, points, rate_hz, step_s)
@@ -127,8 +124,8 @@ def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
     names = tuple(point.configuration.name for point in points)
-    told = (model.name or model.robot.name, token, variables, names, 1 / rate_hz)
-    return sources, {2: description_2(*told), 3: description_3(*told)}
+    described = (model.name or model.robot.name, token, variables, names, 1 / rate_hz)
+    return sources, {2: description_2(*described), 3: description_3(*described)}
 
 
 def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
@@ -215,4 +212,4 @@ def _pack(path: Path, texts: Mapping[str, str], libraries: Mapping[str, bytes]) 
     entries = {name: text.encode("utf-8") for name, text in texts.items()} | dict(libraries)
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(entries):
-            archive.writestr(zipfile.ZipInfo(name, _EPOCH), entries[name], zipfile.ZIP_DEFLATED)
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)

@@ -9,26 +9,23 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
-# `auto` leaves friction alone where it cannot be found.
-_ASKED_FOR = ("coulomb", "curve")
-
 
 def check_estimator(study: Study) -> Iterator[Problem]:
     """Records of periodic experiments with the motion of the motors, and more than one response explains."""
     wanted, experiment = study.estimator.friction, study.experiment
-    if wanted not in _ASKED_FOR:
+    if wanted not in ("coulomb", "curve"):  # `auto` leaves friction alone where it cannot be found
         return
     if experiment.responses is not None:
-        found = (
+        refusal = (
             "responses from elsewhere have no records that show friction; take it out where they are estimated (list "
             "their logs under experiment.recorded), or take none"
         )
     elif experiment.recorded is not None:
-        found = _refusal_of_logs(experiment.recorded)
+        refusal = _refusal_of_logs(experiment.recorded)
     else:
-        found = _refusal_of_rig(study, experiment.as_simulated())
-    if found:
-        yield Problem(("estimator", "friction"), f"{wanted}: {found}")
+        refusal = _refusal_of_rig(study, experiment.as_simulated())
+    if refusal:
+        yield Problem(("estimator", "friction"), f"{wanted}: {refusal}")
 
 
 def _refusal_of_rig(study: Study, simulated: SimulatedSpec) -> str:
@@ -47,7 +44,7 @@ def _refusal_of_rig(study: Study, simulated: SimulatedSpec) -> str:
 
 
 def _refusal_of_logs(recorded: RecordedSpec) -> str:
-    """Why friction cannot be found in logs; empty where it can, as far as a study tells."""
+    """Why friction cannot be found in logs; empty where it can, as far as a study shows."""
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without:
         return (

@@ -19,9 +19,6 @@ from elastid.study.source import KeyPath
 
 # Keys of a plan, which logs and responses from elsewhere do not follow.
 PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
-# Positions beyond which a joint without limits was given in another unit: two turns in rad, and a long rail in m.
-MAX_ANGLE = 4 * math.pi
-MAX_TRAVEL = 50.0
 _SIMULATED: KeyPath = ("experiment", "simulated")
 # Sections that only stages with a robot read.
 _OF_A_ROBOT = ("excitation", "design", "model", "fit", "validation", "compare")
@@ -106,7 +103,8 @@ def _swings(study: Study) -> list[float]:
 def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
     """Why a joint cannot be at a position, in rad or m, and swing about it; empty where it can."""
     low, high = joint.limits.angle
-    if math.isinf(high - low) and abs(angle) > (MAX_TRAVEL if joint.slides else MAX_ANGLE):
+    # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
+    if math.isinf(high - low) and abs(angle) > (50.0 if joint.slides else 4 * math.pi):
         other = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
         far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
         return (

@@ -45,10 +45,10 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
-        base, _, one = key.partition(SEPARATOR)
-        each = any(p.per == "configuration" for k, p in fit.parameters.items() if is_match(k, base))
-        if one and each and not any(is_match(name, one) for name in configurations):
-            yield unknown((*_PARAMETERS, key), "configuration", one, configurations)
+        base, _, name = key.partition(SEPARATOR)
+        is_split = any(p.per == "configuration" for k, p in fit.parameters.items() if is_match(k, base))
+        if name and is_split and not any(is_match(known, name) for known in configurations):
+            yield unknown((*_PARAMETERS, key), "configuration", name, configurations)
     for path, names in given:
         yield from check_names(path, "configuration", names, configurations)
     measured = {name for names in fit.robots.values() for name in names}
@@ -137,12 +137,12 @@ def check_moved_inertias(study: Study) -> Iterator[Problem]:
 
 
 def _may_be_singular(robot: Robot) -> bool:
-    """Whether a motion of some body by its own joints may move no inertia; M is positive definite where none does."""
+    """True if a motion of some body by its own joints may move no inertia; M is positive definite where none does."""
     return not all(_resists(body) for body in robot.bodies if body.joints)
 
 
 def _resists(body: Body) -> bool:
-    """Whether a body at rest but for its own joints has kinetic energy, whatever the others do."""
+    """True if a body at rest but for its own joints has kinetic energy, whatever the others do."""
     moments = np.linalg.eigvalsh(body.inertia_matrix)
     least = 1e-9 * moments[2]
     if len(body.joints) > 1:

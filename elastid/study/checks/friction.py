@@ -59,16 +59,16 @@ def _check_sections(study: Study) -> Iterator[Problem]:
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
     """Joints exist and have a motor, each once."""
     driven = [joint.name for joint in study.as_robot().driven]
-    seen: dict[str, str] = {}
+    named: dict[str, str] = {}
     for i, name in enumerate(spec.joints):
         joint = joint_called(name, driven)
         if joint is None:
             message = f"no driven joint is called '{name}'; {did_you_mean(name, driven)}, or give its number from 1"
             yield Problem((*_FRICTION, "joints", i), message)
-        elif joint in seen:
-            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{seen[joint]}' are the same joint; leave one out")
+        elif joint in named:
+            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{named[joint]}' are the same joint; leave one out")
         else:
-            seen[joint] = name
+            named[joint] = name
 
 
 def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
@@ -156,7 +156,9 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
     if refused:
         yield Problem((*path, key), refused)
     if not has_reference:
-        message = "no channel has role reference, so that nothing tells what the controller was asked for; add it"
+        message = (
+            "no channel has role reference, so that the motion that the controller was asked for is unknown; add it"
+        )
         yield Problem(path, message, at_key=True)
 
 

@@ -11,9 +11,6 @@ from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
-# A design that fits as many configurations as it can into a robot_time may use this many names.
-MAX_CHOSEN = 99
-
 
 def unknown(path: KeyPath, noun: str, name: str, known: Iterable[str]) -> Problem:
     """A name that stands for nothing."""
@@ -37,8 +34,8 @@ def check_place(path: KeyPath, location: str, places: Places) -> Iterator[Proble
 
 def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:
     """A number for all motors, or one for each, has the unit of its joint's motion."""
-    each = values if isinstance(values, tuple) else (values,) * len(robot.driven)
-    for i, (value, joint) in enumerate(zip(each, robot.driven, strict=False)):
+    entries = values if isinstance(values, tuple) else (values,) * len(robot.driven)
+    for i, (value, joint) in enumerate(zip(entries, robot.driven, strict=False)):
         refused = joint.refusal_of(value) if isinstance(value, float) else ""
         if refused and isinstance(values, tuple):
             yield Problem((*path, i), refused)
@@ -52,7 +49,8 @@ def list_configurations(study: Study) -> list[str]:
     given = list(study.experiment.configurations)
     if study.design is None:
         return given
-    numbered = (f"c{i + 1}" for i in range(study.design.count or MAX_CHOSEN))
+    # A design that fits as many as it can into a robot_time may use 99 names.
+    numbered = (f"c{i + 1}" for i in range(study.design.count or 99))
     return [*given, *study.design.candidates.given, *numbered]
 
 

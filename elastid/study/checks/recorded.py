@@ -18,8 +18,6 @@ from elastid.study.source import KeyPath
 
 # Methods that need no period.
 WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2", "hv")
-# A folder with more files than this is not listed in a message.
-MAX_LISTED = 20
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 
@@ -30,16 +28,16 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
     yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
     yield from _check_reference(recorded)
-    seen: dict[tuple[str, int, int], str] = {}
+    runs: dict[tuple[str, int, int], str] = {}
     for i, file in enumerate(recorded.files):
         run = (file.configuration, file.realisation, file.experiment)
-        if run in seen:
+        if run in runs:
             yield Problem(
                 (*path, "files", i),
-                f"{file.path} and {seen[run]} both claim configuration {run[0]}, realisation {run[1]}, experiment "
+                f"{file.path} and {runs[run]} both claim configuration {run[0]}, realisation {run[1]}, experiment "
                 f"{run[2]}; give each file its own realisation or experiment",
             )
-        seen[run] = file.path
+        runs[run] = file.path
 
 
 def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
@@ -56,12 +54,12 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
 
 def _check_reference(recorded: RecordedSpec) -> Iterator[Problem]:
     """Reference and controller are of motions; a multisine is judged under its own torque."""
-    said = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
+    advice = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
     if recorded.controller is not None:
-        yield Problem((*_RECORDED, "controller"), f"a controller {said}", at_key=True)
+        yield Problem((*_RECORDED, "controller"), f"a controller {advice}", at_key=True)
     for i, channel in enumerate(recorded.channels):
         if channel.role == "reference":
-            yield Problem((*_RECORDED, "channels", i, "role"), f"role reference {said}")
+            yield Problem((*_RECORDED, "channels", i, "role"), f"role reference {advice}")
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
@@ -69,15 +67,15 @@ def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Itera
     path: KeyPath = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
     yield from check_channels(study, responses.channels, path)
-    seen: dict[str, str] = {}
+    claimed: dict[str, str] = {}
     for i, file in enumerate(responses.files):
-        if file.configuration in seen:
+        if file.configuration in claimed:
             yield Problem(
                 (*path, "files", i),
-                f"{seen[file.configuration]} and {file.path} both claim configuration {file.configuration}; one "
+                f"{claimed[file.configuration]} and {file.path} both claim configuration {file.configuration}; one "
                 "response of each can be fitted: leave one out, or give it a configuration of its own",
             )
-        seen[file.configuration] = file.path
+        claimed[file.configuration] = file.path
 
 
 def check_files(
@@ -91,8 +89,8 @@ def check_files(
     for i, file in enumerate(files):
         place = base / file.path
         if not is_log(place):
-            beside = _files_beside(place)
-            hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
+            neighbours = _neighbours(place)
+            hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
             yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}", head=True)
         if not file.configuration and not is_friction:
             yield Problem((*path, "files", i, "configuration"), "this key is required", at_key=True)
@@ -104,7 +102,7 @@ def check_files(
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
 
-def _files_beside(place: Path) -> list[str]:
+def _neighbours(place: Path) -> list[str]:
     """The names of the files in the folder of a path; none where it cannot be looked into."""
     try:
         return sorted(each.name for each in place.parent.iterdir() if each.is_file())
@@ -115,23 +113,23 @@ def _files_beside(place: Path) -> list[str]:
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
     places, motors = study.places, study.places.motor_locations
-    seen: set[tuple[str, str, int]] = set()
+    signals: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
-        here: KeyPath = (*path, "channels", i)
+        key_path: KeyPath = (*path, "channels", i)
         if channel.role in ("r", "u", "reference") and channel.at not in motors:
-            yield unknown((*here, "at"), "motor" if study.robot else "input", channel.at, motors)
+            yield unknown((*key_path, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
-            yield from check_place((*here, "at"), channel.at, places)
+            yield from check_place((*key_path, "at"), channel.at, places)
         key, refused = channel_refusal(channel, channels, places)
         if refused:
-            yield Problem((*here, key), refused)
+            yield Problem((*key_path, key), refused)
         try:
             channel.unit_factor(places.slides(channel.at) and channel.side == "link")
         except ValueError as error:
             if key != "unit":
-                yield Problem((*here, "unit"), str(error))
+                yield Problem((*key_path, "unit"), str(error))
         # r may be in several files, which it synchronises.
         signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
-        if signal in seen:
-            yield Problem((*here, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
-        seen.add(signal)
+        if signal in signals:
+            yield Problem((*key_path, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
+        signals.add(signal)

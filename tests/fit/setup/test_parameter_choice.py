@@ -20,7 +20,7 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.store import read_fit, write_fit
+from elastid.store.results import read_fit, write_fit
 
 ROBOT = Robot(
     "arm",

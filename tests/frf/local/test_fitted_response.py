@@ -16,7 +16,7 @@ from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.response import Quality
-from elastid.store import read_responses, write_responses
+from elastid.store.measured import read_responses, write_responses
 
 SPEC = EstimatorSpec(quantity="velocity", band_hz=(5.0, 95.0))
 NOISE = 0.3

@@ -23,7 +23,7 @@ from elastid.frf.local.regression import fit_ladder, settled_spectra
 from elastid.frf.local.response import local_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 from elastid.study import load
 
 RATE, N = 512.0, 512

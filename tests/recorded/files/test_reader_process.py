@@ -14,7 +14,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, opened_log, read_channels
-from elastid.store.files import FORMAT
+from elastid.store.artefacts import FORMAT
 
 
 def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -28,7 +28,7 @@ from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance, FrequencyResponse, in_quantity
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.store import read_responses
+from elastid.store.measured import read_responses
 from elastid.study import load
 
 RATIO, CONSTANT, DELAY = -50.0, 0.5, 2e-3

@@ -8,7 +8,7 @@ from plants.artefacts import same
 from plants.dry_friction import measured
 
 from elastid.app.console import Console
-from elastid.app.dry_friction import VISCOUS, WITH_COULOMB
+from elastid.app.identified_robot import VISCOUS, WITH_COULOMB
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
@@ -17,7 +17,8 @@ from elastid.base.display import digits, number
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store import read_friction, read_responses, read_validation, write_records
+from elastid.store.measured import read_friction, read_responses, write_records
+from elastid.store.results import read_validation
 from elastid.study import load, load_robot
 
 

@@ -11,7 +11,7 @@ from plants.two_axes import measured
 from elastid.app import cli
 from elastid.fit.result import MEANING
 from elastid.robot import Robot
-from elastid.store import read_fit
+from elastid.store.results import read_fit
 from elastid.study import load_robot
 
 

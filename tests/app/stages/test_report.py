@@ -14,7 +14,7 @@ from elastid.base.errors import StudyError
 from elastid.experiment.simulated.structure import shake, true_modes
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
-from elastid.store import read_responses
+from elastid.store.measured import read_responses
 from elastid.study import load
 
 

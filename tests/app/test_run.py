@@ -31,7 +31,10 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-from elastid.store import Stamp, read_fit, read_plan, read_records, read_responses, read_stamp
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.design import read_plan
+from elastid.store.measured import read_records, read_responses
+from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]

@@ -9,7 +9,7 @@ import pytest
 from elastid.base.errors import StudyError
 from elastid.study import load
 
-TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "friction"
+TEMPLATE = Path(__file__).parents[3] / "elastid" / "app" / "templates" / "friction"
 
 FULL = """\
 friction:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from elastid.app.cli import _TARGETS, run_command
-from elastid.export.targets import RESPONSE_TARGETS, TARGETS
+from elastid.app.export import RESPONSE_TARGETS, TARGETS
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.summaries import modes_of, validation_summary
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.store import read_fit, read_responses, read_validation
-from elastid.store.results import read_twin
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit, read_twin, read_validation
 from elastid.study import load
 from elastid.validation.results import Fold
 from elastid.validation.twin_run import MOTION
@@ -104,7 +104,7 @@ def test_what_was_not_done_is_empty_and_what_failed_is_null(finished):
     run = run_of(finished / "study.yml", finished / "run")
     found = read_validation(finished / "run" / "validation.h5")
     failed = Fold("a", math.nan, math.nan, math.nan, "no start led anywhere")
-    told = validation_summary(run.study, replace(found, replays=(), replayed="", folds=(failed,)))
+    told = validation_summary(run.study.name, replace(found, replays=(), replayed="", folds=(failed,)))
     assert (told["replays"], told["replayed"]) == ([], "")
     assert told["folds"][0]["misfit"] is None
     assert told["folds"][0]["message"] == "no start led anywhere"

@@ -1,0 +1,241 @@
+"""Artefacts: HDF5 files with provenance, whole or absent; a file that is damaged or not of elastid is refused.
+
+HDF5 cannot close a file that it cannot write: on a full disk it tries again when the process ends, and crashes it.  So
+`DiskFile` keeps the first error of the disk until the file is closed, and reports success to HDF5.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from elastid.base.errors import DataError, ElastidError
+from elastid.base.files import require_own_data
+from elastid.store.files import USER_BLOCK, is_intact, once_per_version, replacing, write_checksum
+
+# Version of the layout of all artefacts; a reader reads files of its own version.
+FORMAT = 2
+TEXT = h5py.string_dtype()
+# The command that makes an artefact again, by its kind.
+_COMMANDS = {
+    "plan": "design",
+    "records": "measure",
+    "frf": "estimate",
+    "fit": "fit",
+    "validation": "validate",
+    "friction plan": "design",
+    "friction records": "measure",
+    "friction levels": "levels",
+    "friction": "friction",
+    "filter": "follow",
+}
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Provenance of an artefact: hashes of its inputs and of the code that made it, and the text of the study.
+
+    inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source
+    and of the versions of the libraries that results depend on.  software: these versions and the platform, in words.
+    part: hash of the inputs of the part that later stages read, where it depends on less than the rest.
+    Date and command are in run.log: the same study gives the same bytes.
+    """
+
+    inputs: str = ""
+    code: str = ""
+    version: str = ""
+    seed: int = 0
+    study: str = ""
+    software: str = ""
+    part: str = ""
+
+    @property
+    def shown(self) -> dict[str, str]:
+        """Its entries on a page, by their headings."""
+        return {
+            "made by": self.software or f"elastid {self.version}",
+            "seed": str(self.seed),
+            "hash of the inputs": self.inputs,
+            "hash of the code": self.code,
+        }
+
+    def is_of(self, wanted: Stamp) -> bool:
+        """True where inputs and code are those of another stamp."""
+        return (self.inputs, self.code) == (wanted.inputs, wanted.code)
+
+
+NO_STAMP = Stamp()
+
+
+@contextmanager
+def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
+    """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
+    with replacing(path) as temporary:
+        with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
+            file.attrs["elastid"] = kind
+            file.attrs["format"] = FORMAT
+            provenance = file.create_group("provenance")
+            for name, value in asdict(stamp).items():
+                if name == "study":
+                    provenance.create_dataset(name, data=value, dtype=TEXT)
+                else:
+                    provenance.attrs[name] = value
+            yield file
+        write_checksum(temporary)
+
+
+@contextmanager
+def opened(path: Path | str, kind: str) -> Iterator[Any]:
+    """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
+    path = Path(path)
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; name one of the files in it")
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
+    # Before HDF5 looks at it: some damages end the process there.
+    if not is_intact(path):
+        raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
+    try:
+        with h5py.File(path, "r") as file:
+            _require_kind(path, file, kind)
+            yield file
+    except (ElastidError, MemoryError):
+        raise
+    except OSError as error:
+        raise DataError(
+            f"{path}: not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
+            "was one, it is damaged: delete it and run again"
+        ) from None
+    except Exception as error:  # what a damaged file makes h5py and NumPy raise
+        raise DataError(
+            f"{path}: damaged, or of an older layout ({_first_line(error)}); delete it and run again"
+        ) from error
+
+
+def _require_kind(path: Path, file: Any, kind: str) -> None:
+    """DataError of an artefact of another kind or format than this."""
+    _require_own_data(path)
+    stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
+    if stored != kind:
+        holds = f"holds {stored}" if stored else "was not written by elastid"
+        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect` shows what a file holds")
+    if written > FORMAT:
+        raise DataError(
+            f"{path}: format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
+            "delete the file and run again"
+        )
+    if written < FORMAT:
+        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
+        raise DataError(
+            f"{path}: format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
+            f"and {command} again"
+        )
+
+
+@once_per_version
+def _require_own_data(path: Path) -> None:
+    with h5py.File(path, "r") as file:
+        require_own_data(file)
+
+
+def read_stamp(path: Path | str) -> Stamp | None:
+    """Provenance of an artefact; None where it is missing, truncated or foreign."""
+    try:
+        if not is_intact(Path(path)):
+            return None
+        with h5py.File(path, "r") as file:
+            attributes = {name: plain(value) for name, value in file["provenance"].attrs.items()}
+            attributes["study"] = file["provenance/study"].asstr()[()]
+    except Exception:  # what a damaged file makes h5py raise
+        return None
+    known = {field.name for field in fields(Stamp)}
+    return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
+
+
+def attributes(group: Any) -> dict[str, Any]:
+    """The attributes of a group as plain numbers and texts."""
+    return {name: plain(value) for name, value in group.attrs.items()}
+
+
+def plain(value: Any) -> Any:
+    """A number of NumPy as that of Python."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def put_text(group: Any, name: str, text: str) -> None:
+    """A text as an attribute of a group, a long one as a dataset in it."""
+    if len(text) < 4096:  # an attribute holds 64 KB at most
+        group.attrs[name] = text
+    else:
+        group.create_dataset(name, data=text, dtype=TEXT)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
+
+
+def kind_of(path: Path | str) -> str | None:
+    """The kind of artefact in a file; None where it is none of elastid."""
+    try:
+        with h5py.File(path, "r") as file:
+            kind = file.attrs.get("elastid")
+    except Exception:  # no HDF5, or so damaged that h5py raises anything
+        return None
+    return kind if isinstance(kind, str) else None
+
+
+class DiskFile(io.RawIOBase):
+    """A new binary file for HDF5 to write; nothing more is written after an error of the disk, which `close` raises."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b", buffering=0)
+        self._error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """All of it, or none after an error."""
+        rest = memoryview(data).cast("B")
+        total = len(rest)
+        try:
+            while self._error is None and len(rest):
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._error = error
+        return total
+
+    def readinto(self, buffer: Any) -> int:
+        """The bytes that were written, zeros behind their end."""
+        view = memoryview(buffer).cast("B")
+        count = self._file.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut or extended."""
+        try:
+            return 0 if self._error is not None else self._file.truncate(size)
+        except OSError as error:
+            self._error = error
+            return 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """As that of a file."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """As that of a file."""
+        return self._file.tell()
+
+    def close(self) -> None:
+        """Raises OSError where something could not be written."""
+        error, self._error = self._error, None
+        super().close()
+        self._file.close()
+        if error is not None:
+            raise error

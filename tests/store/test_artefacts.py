@@ -1,0 +1,77 @@
+"""Files are whole or absent, the same bytes for the same value, and refused where they are not ours."""
+
+import time
+
+import h5py
+import pytest
+from plants.artefacts import STAMP, some_fit
+
+from elastid.base.errors import DataError
+from elastid.store.artefacts import FORMAT, read_stamp
+from elastid.store.files import write_checksum
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit, write_fit
+
+
+def test_the_same_value_gives_the_same_bytes(tmp_path):
+    """No clock in a file: a second apart, bit for bit the same."""
+    write_fit(tmp_path / "one.h5", some_fit(), STAMP)
+    time.sleep(1.1)
+    write_fit(tmp_path / "two.h5", some_fit(), STAMP)
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def test_the_stamp_comes_back(tmp_path):
+    """Long studies included (an HDF5 attribute holds 64 KB at most)."""
+    write_fit(tmp_path / "fit.h5", some_fit(), STAMP)
+    assert read_stamp(tmp_path / "fit.h5") == STAMP
+
+
+def test_a_foreign_truncated_or_missing_file_is_refused_by_name(tmp_path):
+    """One sentence that names the file, no HDF5 noise."""
+    path = tmp_path / "fit.h5"
+    with pytest.raises(DataError, match=r"fit\.h5: no such file"):
+        read_fit(path)
+    write_fit(path, some_fit(), STAMP)
+    with pytest.raises(DataError, match=r"fit\.h5: holds fit, expected frf"):
+        read_responses(path)
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(DataError, match=r"fit\.h5: its content has changed since it was written"):
+        read_fit(path)
+    assert read_stamp(path) is None
+    path.write_text("not HDF5")
+    with pytest.raises(DataError, match=r"fit\.h5: not a readable HDF5 file"):
+        read_fit(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    with pytest.raises(DataError, match="not written by elastid"):
+        read_fit(path)
+    assert read_stamp(path) is None
+
+
+def test_reading_does_not_touch_the_file(tmp_path):
+    """Opened read-only: bytes and time stay."""
+    path = tmp_path / "fit.h5"
+    write_fit(path, some_fit())
+    path.chmod(0o444)
+    before = (path.read_bytes(), path.stat().st_mtime_ns)
+    read_fit(path)
+    assert (path.read_bytes(), path.stat().st_mtime_ns) == before
+
+
+def test_a_file_of_another_format_is_refused(tmp_path):
+    """A file has the version of its layout, one without is of before there were versions; a command makes it again."""
+    path = tmp_path / "fit.h5"
+    write_fit(path, some_fit(), STAMP)
+    with h5py.File(path, "r+") as file:
+        assert file.attrs["format"] == FORMAT
+        del file.attrs["format"]
+    write_checksum(path)
+    again = f"format 0, written by an older elastid; this one reads format {FORMAT}: delete the file, and `elastid fit`"
+    with pytest.raises(DataError, match=again):
+        read_fit(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = FORMAT + 1
+    write_checksum(path)
+    with pytest.raises(DataError, match=f"format {FORMAT + 1}, written by a newer elastid; this one reads format"):
+        read_fit(path)

@@ -1,0 +1,50 @@
+"""A fleet's members come from its file, a table or folders; whatever is none is refused with its place."""
+
+from pathlib import Path
+
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.study.fleet import load_fleet
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    """The file of a fleet without members, next to a study."""
+    (tmp_path / "study.yml").write_text("name: s\n")
+    (tmp_path / "fleet.yml").write_text("name: f\nstudy: study.yml\n")
+    return tmp_path / "fleet.yml"
+
+
+def test_a_table_has_a_member_in_each_row_with_its_overrides(fleet: Path) -> None:
+    """In the order of robots and dates; an empty cell overrides nothing."""
+    (fleet.parent / "members.csv").write_text("robot,date,fit.starts\nb,2024-05-01,3\na,2024-05-02,\n")
+    fleet.write_text(fleet.read_text() + "table: members.csv\n")
+    first, second = load_fleet(fleet).members
+    assert (first.name, first.overrides) == ("a_2024-05-02", ())
+    assert (second.name, second.overrides) == ("b_2024-05-01", ("fit.starts=3",))
+
+
+def test_folders_are_members_by_their_names(fleet: Path) -> None:
+    """Overrides have them in braces; a folder whose date is none is no member."""
+    for name in ("a_2024-05-01", "a_old"):
+        (fleet.parent / "logs" / name).mkdir(parents=True)
+    fleet.write_text(fleet.read_text() + "folders: logs/{robot}_{date}\nset: {name: '{robot} in {folder}'}\n")
+    (member,) = load_fleet(fleet).members
+    assert member.overrides == ("name=a in logs/a_2024-05-01",)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("robot,day\n", r"members\.csv:1:1: no column is called date"),
+        ("robot,date\na,2024-05-01\na,2024-05-01\n", "a on 2024-05-01 is given twice"),
+        ("robot,date\n", "there are no members"),
+    ],
+)
+def test_a_table_without_members_is_refused(fleet: Path, table: str, message: str) -> None:
+    """By a sentence."""
+    (fleet.parent / "members.csv").write_text(table)
+    fleet.write_text(fleet.read_text() + "table: members.csv\n")
+    with pytest.raises(StudyError, match=message):
+        load_fleet(fleet)
