@@ -147,3 +147,9 @@ def notebook_package(name: str) -> Any:
             f"{name} is not installed; install it with `uv sync --extra notebook` "
             "(or `pip install 'elastid[notebook]'`)"
         ) from None
+
+
+def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """A value, its standard deviation and its 95 % interval as texts with the digits that are known."""
+    places = digits(value, std)
+    return number(value, places), number(std, 2), " … ".join(interval_of(interval, places))

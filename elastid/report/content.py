@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
-from elastid.frf.peaks import Peak
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.result import FrictionTakenOut
@@ -24,6 +24,9 @@ from elastid.robot import Robot
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
+
+if TYPE_CHECKING:
+    from elastid.frf.peaks import Peak  # brings SciPy's signals
 
 
 @dataclass(frozen=True)

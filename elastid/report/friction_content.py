@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import digits, interval_of, number
+from elastid.base.display import digits, number, value_cells
 from elastid.base.note import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
@@ -128,9 +128,3 @@ def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
     """One identified number as texts under NUMBER_HEADINGS."""
     cells = value_cells(identified.value, identified.std, (identified.low, identified.high))
     return identified.name, identified.symbol, *cells, identified.unit, identified.learnt_from
-
-
-def value_cells(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
-    """A value, its standard deviation and its 95 % interval as texts with the digits that are known."""
-    places = digits(value, std)
-    return number(value, places), number(std, 2), " … ".join(interval_of(interval, places))

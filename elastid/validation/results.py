@@ -19,7 +19,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.label import labelled
 from elastid.record import Motion
-from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, together
+from elastid.validation.residual_tests import FALSE_ALARM, NORMALITY_95, exceeds_by_chance, together
 
 PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
 
@@ -202,6 +202,25 @@ class Agreement:
         return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
 
     @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = np.isfinite(self.rms_sigma)
+        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
+
+    @property
+    def coloured(self) -> float:
+        """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
+        known = np.isfinite(self.autocorrelation)
+        beyond = self.autocorrelation[known] > self.autocorrelation_bound[known]
+        return float(beyond.mean()) if known.any() else math.nan
+
+    @property
+    def not_normal(self) -> float:
+        """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
+        known = np.isfinite(self.normality)
+        return float((self.normality[known] > NORMALITY_95).mean()) if known.any() else math.nan
+
+    @property
     def is_white(self) -> bool:
         """True if the residuals of neighbouring lines are uncorrelated, as `are_white`."""
         return are_white([self])
@@ -278,6 +297,16 @@ class Replay:
     def worst(self) -> float:
         """The lowest fit of any record and output, in percent."""
         return float(self.fit_percent.min())
+
+    @property
+    def mean(self) -> FloatArray:
+        """Fit (n_y,) of each output over the records, in percent."""
+        return np.asarray(self.fit_percent.mean(axis=0))
+
+    @property
+    def mean_reachable(self) -> FloatArray:
+        """Fit of a true model (n_y,), in percent."""
+        return np.asarray(self.reachable_percent.mean(axis=0))
 
 
 @dataclass(frozen=True)

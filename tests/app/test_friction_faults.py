@@ -137,7 +137,7 @@ def test_a_temperature_in_kelvin_is_refused_with_its_unit(tmp_path: Path) -> Non
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
         ({"passes": "{count: 9}"}, "friction.passes: speeds, count and window are of passes that are still to be made"),
         ({"thermometer": REFERENCE}, "channels: the reference of the logs is of no use without its controller"),
-        ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that nothing tells what the"),
+        ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that the motion that"),
         (
             {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},
             "controller.position_gain: 2 gains for 1 driven joints; give one for all, or one for each",

@@ -11,6 +11,7 @@ from plants.artefacts import some_fit
 from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
 from elastid.app.summaries import failure, summary
+from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -45,7 +46,7 @@ def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
     first, second = json.loads(json.dumps(entries))
     std = math.hypot(*STDS)
     assert (first["motor"], first["F_c"], first["std"]) == ("motor 1", 4.5, pytest.approx(std))
-    assert first["interval95"] == pytest.approx([4.5 - 1.96 * std, 4.5 + 1.96 * std])
+    assert first["interval95"] == pytest.approx([4.5 - QUANTILE_95 * std, 4.5 + QUANTILE_95 * std])
     assert first["coulomb"] == pytest.approx(4.5 / 50)
     assert second["coulomb"] is None
     assert first["shapes"] == [

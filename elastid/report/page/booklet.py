@@ -13,13 +13,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from elastid.base.display import digits, number, percent
+from elastid.base.display import digits, number, percent, value_cells
 from elastid.base.note import NoteGroup
 from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.friction_content import value_cells
 from elastid.report.modes import ModeRow
 from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
 from elastid.validation.twin import describe_balance
