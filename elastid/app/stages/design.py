@@ -19,6 +19,7 @@ from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
@@ -73,7 +74,7 @@ def design(
     carrier = experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)
-        movement = partial(reference, designed.plan, carrier, feed_forward_of(model_of(robot)))
+        movement = partial(_reference, designed.plan, carrier, robot)
         movements = tuple(execution.ordered(movement, designed.plan.configurations))
     plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
 
@@ -99,6 +100,11 @@ def design(
         },
         report,
     )
+
+
+def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
+    """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
+    return reference(plan, carrier, feed_forward_of(model_of(robot)), configuration)
 
 
 @dataclass(frozen=True)
