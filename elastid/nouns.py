@@ -16,8 +16,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from elastid import parameters as parameter_room
 from elastid import record as record_room
 from elastid import response as response_room
@@ -31,7 +29,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import on_shafts
+from elastid.nonlinear.places import on_shafts, shaft_couplings
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Robot as RobotValue
@@ -112,7 +110,7 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
         groups: dict[str, list[record_room.Record]] = {}
         for record in records:
             groups.setdefault(record.configuration.name, []).append(record)
-        E = None if robot is None or np.array_equal(robot.mixing, np.eye(len(robot.mixing))) else robot.mixing
+        E = shaft_couplings(robot)
         shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
         friction = None if spec.friction == "none" else find_friction(shafts, spec)
         return tuple(estimate_without_friction(group, friction, spec, None, E) for group in groups.values())

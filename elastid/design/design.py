@@ -5,7 +5,7 @@ r"""The design of an experiment: configurations chosen if the study asks for it,
 
 Delta_0: the deflection under gravity, k_t = tau'(Delta_0): the stiffness in the model, sigma: rms deflection by the
 multisine, k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and
-Schoukens 2012, ch. 3). The fit finds k_eq in the place of k_t.
+Schoukens 2012, ch. 3). The fit finds k_eq instead of k_t.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from elastid.base.note import Note
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.motion import motion_of
 from elastid.record import Record
+from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -127,3 +128,11 @@ def refusal(records: Sequence[Record]) -> str:
                 "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
             )
     return ""
+
+
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
+    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    if robot is None:
+        return None
+    E = robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E

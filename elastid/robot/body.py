@@ -54,7 +54,7 @@ class Body:
 
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
-        """Refuse an inertia that no body can have: principal moments obey I1 <= I2 + I3."""
+        """Refuse a physically impossible inertia: principal moments obey I1 <= I2 + I3."""
         if self.mass < 0:
             raise ValueError(f"mass of body {self.name}: {self.mass:g} kg; it must not be negative")
         principal = np.linalg.eigvalsh(self.inertia_matrix)

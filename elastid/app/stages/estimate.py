@@ -24,7 +24,7 @@ from elastid.experiment.specs.structure import Places
 from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import on_shafts
+from elastid.nonlinear.places import on_shafts, shaft_couplings
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Configuration, Record
@@ -67,14 +67,6 @@ def import_responses(
     """frf.h5 from files of other programs, or of another run."""
     responses = list(imported_responses(robot, places, experiment, estimator, files))
     return _artefacts(responses, [note for response in responses for note in response.notes])
-
-
-def shaft_couplings(robot: Robot | None) -> FloatArray | None:
-    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
-    if robot is None:
-        return None
-    E = robot.mixing
-    return None if np.array_equal(E, np.eye(len(E))) else E
 
 
 def estimate_configuration(

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_found_friction
-from elastid.app.stages.estimate import shaft_couplings
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -23,6 +22,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.places import shaft_couplings
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
