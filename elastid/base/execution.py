@@ -19,7 +19,7 @@ from typing import Any, TypeAlias, TypeVar
 from urllib.parse import urlsplit
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.workers import has_died, outcomes
+from elastid.base.workers import outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -251,11 +251,11 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
     work, left, deaths = pickle.dumps(function), dict(enumerate(items)), 0
     while left:
         with closing(outcomes(work, list(left.items()), min(max(1, jobs >> deaths), len(left)))) as results:
-            for index, future in results:
-                if has_died(future):
+            for index, outcome in results:
+                if outcome.died:
                     deaths += 1
                     break
-                value = future.result()
+                value = outcome.result
                 del left[index]
                 yield index, value
         if left and _main_is_unguarded():
@@ -271,11 +271,10 @@ def _survived(
 ) -> Iterator[tuple[int, Value | None]]:
     """By processes of this machine; an item at which a worker died is None."""
     with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as results:
-        for index, future in results:
-            died = has_died(future)
-            if died and _main_is_unguarded():
+        for index, outcome in results:
+            if outcome.died and _main_is_unguarded():
                 raise ElastidError(_UNGUARDED)
-            yield index, None if died else future.result()
+            yield index, None if outcome.died else outcome.result
 
 
 _UNGUARDED = (

@@ -10,17 +10,46 @@ import logging
 import os
 import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from multiprocessing import get_all_start_methods, get_context, parent_process
+from dataclasses import dataclass
+from multiprocessing import Pipe, get_all_start_methods, get_context, parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
-from typing import Any, TypeAlias
+from traceback import format_exc
+from typing import Any
 
-# A worker is a pool of one process, so that it is known which item a death costs and who has the function.
-Worker: TypeAlias = ProcessPoolExecutor
+
+@dataclass(frozen=True, eq=False)
+class Worker:
+    """A process, and this end of the pipe to it, which alone has the other end: whenever it dies, the pipe ends.
+
+    A pool of the standard library waits for ever where a process dies amid an answer (CPython, `ProcessPoolExecutor`:
+    every process of the pool and its parent keep the pipe of the answers open).
+    """
+
+    process: BaseProcess
+    pipe: Connection
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an item: its value, or the error that it raised, or neither where the worker died."""
+
+    value: Any = None
+    error: Exception | None = None
+    trace: str = ""
+    died: bool = False
+
+    @property
+    def result(self) -> Any:
+        """The value; raises the error."""
+        if self.error is not None:
+            raise self.error from RuntimeError(f"in a worker:\n{self.trace}")
+        return self.value
+
 
 # Workers at rest inside `lasting_workers()`, which any work inside takes from and returns to.
 _AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", default=None)
@@ -38,60 +67,57 @@ def lasting_workers() -> Iterator[None]:
         _dismiss(at_rest)
 
 
-def outcomes(
-    work: bytes, items: Iterable[tuple[int, Any]], count: int
-) -> Generator[tuple[int, Future[Any]], None, None]:
-    """(index, future of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
+def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Generator[tuple[int, Outcome], None, None]:
+    """(index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
 
     work: the function, pickled, which goes to each worker once. Workers that are at an item when this ends are ended.
     """
     waiting = iter(items)
     lasting = _AT_REST.get()
     at_rest: list[Worker] = [] if lasting is None else lasting
-    busy: list[Worker] = []
-    running: dict[Future[Any], tuple[int, Worker]] = {}
+    called: list[Worker] = []
+    busy: dict[Connection, tuple[int, Worker]] = {}
 
-    def give(worker: Worker, function: Callable[..., Any], *first: bytes) -> None:
-        """The next item, or rest."""
+    def give(worker: Worker, first: bytes | None = None) -> Iterator[tuple[int, Outcome]]:
+        """The next item, or rest; of a worker that is dead already, the outcome of the item."""
         following = next(waiting, None)
         if following is None:
-            if first == ():
-                _submitted(worker, _forget)
-            busy.remove(worker)
             at_rest.append(worker)
         else:
-            running[_submitted(worker, function, *first, following[1])] = following[0], worker
+            busy[worker.pipe] = following[0], worker
+        try:
+            worker.pipe.send_bytes(_REST if following is None else pickle.dumps((first, following[1])))
+        except (BrokenPipeError, ConnectionResetError):
+            if following is not None:
+                yield from replace(worker.pipe)
 
-    def join() -> None:
-        """One worker more, who is given the function with its first item."""
-        worker = _called(at_rest)
-        busy.append(worker)
-        give(worker, _begin, work)
+    def replace(pipe: Connection) -> Iterator[tuple[int, Outcome]]:
+        """The outcome of the item at which a worker died; another takes the next one."""
+        index, worker = busy.pop(pipe)
+        _end(worker)
+        yield index, Outcome(died=True)
+        yield from give(_call(at_rest, called), work)
 
     try:
-        for _ in range(count):
-            join()
-        while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                index, worker = running.pop(future)
-                if has_died(future):
-                    busy.remove(worker)
-                    _end(worker)
-                    yield index, future
-                    join()
+        for worker in [_call(at_rest, called) for _ in range(count)]:
+            yield from give(worker, work)
+        while busy:
+            ready = wait(list(busy))
+            for pipe in [pipe for pipe in busy if pipe in ready]:
+                try:
+                    outcome: Outcome = pickle.loads(pipe.recv_bytes())
+                except (EOFError, ConnectionResetError):
+                    yield from replace(pipe)
                 else:
-                    give(worker, _work)
-                    yield index, future
+                    index, worker = busy.pop(pipe)
+                    yield from give(worker)
+                    yield index, outcome
     finally:
-        for worker in busy:
-            _end(worker)
+        for worker in called:
+            if worker not in at_rest:
+                _end(worker)
         if lasting is None:
             _dismiss(at_rest)
-
-
-def has_died(future: Future[Any]) -> bool:
-    """True if the worker died at the item."""
-    return isinstance(future.exception(), BrokenProcessPool)
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -119,87 +145,105 @@ def start_method() -> str:
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
-def _called(at_rest: list[Worker]) -> Worker:
-    """A worker at rest that lives, or a new one: it leaves Ctrl-C to the parent, which ends it."""
+def _call(at_rest: list[Worker], called: list[Worker]) -> Worker:
+    """A worker at rest that lives, or a new one; among those called, from its first moment.
+
+    New ones start in a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
+    """
     while at_rest:
         worker = at_rest.pop()
-        if all(process.is_alive() for process in (worker._processes or {}).values()):
+        called.append(worker)
+        if worker.process.is_alive():
             return worker
         _end(worker)
-    return ProcessPoolExecutor(1, get_context(start_method()), initializer=_start_worker)
+    errors: list[BaseException] = []
 
-
-def _submitted(worker: Worker, function: Callable[..., Any], *given: Any) -> Future[Any]:
-    """The future of a call, which starts the worker; of one that is dead already it holds BrokenProcessPool.
-
-    By a thread, which Ctrl-C does not reach: amid a start it would leave a worker that is never ended.
-    """
-    futures: list[Future[Any]] = []
-
-    def submit() -> None:
+    def start() -> None:
         try:
-            futures.append(worker.submit(function, *given))
+            _start(called)
         except BaseException as error:
-            failed: Future[Any] = Future()
-            # The pipe to a worker breaks where it dies while it starts.
-            failed.set_exception(BrokenProcessPool(error) if isinstance(error, BrokenPipeError) else error)
-            futures.append(failed)
+            errors.append(error)
 
-    thread = Thread(target=submit)
+    thread = Thread(target=start)
     try:
         thread.start()
         thread.join()
-        return futures[0]
     finally:
         if thread.is_alive():
             thread.join()
+    if errors:
+        raise errors[0]
+    return called[-1]
+
+
+def _start(called: list[Worker]) -> None:
+    ours, theirs = Pipe()
+    context: Any = get_context(start_method())
+    process = context.Process(target=_serve, args=(theirs,))
+    called.append(Worker(process, ours))
+    # The pipe to a worker that starts from nothing breaks where it dies meanwhile, and so will its own.
+    with suppress(BrokenPipeError):
+        process.start()
+    theirs.close()
 
 
 def _end(worker: Worker) -> None:
     """At once."""
-    for process in list((worker._processes or {}).values()):
-        process.terminate()
-    worker.shutdown(wait=True, cancel_futures=True)
+    if worker.process.pid is not None:
+        worker.process.terminate()
+        worker.process.join()
+    worker.pipe.close()
 
 
 def _dismiss(workers: Sequence[Worker]) -> None:
     """Independently; wait for all."""
     for worker in workers:
-        worker.shutdown(wait=False)
+        worker.pipe.close()
     for worker in workers:
-        worker.shutdown(wait=True)
+        worker.process.join()
 
 
-# What this process works out of one item after the other, where it is a worker.
-_FUNCTION: list[Callable[[Any], Any]] = []
+# Message to a worker that has nothing to do: the function goes, with all the data that it holds.
+_REST = b""
 
 
-def _start_worker() -> None:
+def _serve(pipe: Connection) -> None:
+    """Work, in a worker: an answer to each item, until the pipe ends; it leaves Ctrl-C to the parent, which ends it."""
     signal(SIGINT, SIG_IGN)
     # Words of libraries are not for the terminal.
     logging.captureWarnings(True)
     logging.getLogger().addHandler(logging.NullHandler())
     Thread(target=_end_with_parent, daemon=True).start()
+    function: Callable[[Any], Any] | None = None
+    while True:
+        try:
+            message = pipe.recv_bytes()
+        except (EOFError, ConnectionResetError):
+            return
+        if message == _REST:
+            function = None
+        else:
+            function, answer = _answered(function, message)
+            pipe.send_bytes(answer)
 
 
-def _begin(work: bytes, item: Any) -> Any:
-    """The first item of a work, and the function for all."""
-    _forget()
-    _FUNCTION.append(pickle.loads(work))
-    return _work(item)
-
-
-def _work(item: Any) -> Any:
-    return _FUNCTION[-1](item)
-
-
-def _forget() -> None:
-    """The function, with all the data that it holds."""
-    _FUNCTION.clear()
+def _answered(function: Callable[[Any], Any] | None, message: bytes) -> tuple[Callable[[Any], Any] | None, bytes]:
+    """The function from now on, and the outcome of the message's item, pickled."""
+    try:
+        work, item = pickle.loads(message)
+        function = function if work is None else pickle.loads(work)
+        assert function is not None, "the first item comes with the function"
+        return function, pickle.dumps(Outcome(function(item)))
+    except Exception as error:
+        failed = Outcome(error=error, trace=format_exc())
+    try:
+        return function, pickle.dumps(failed)
+    except Exception:  # an error that holds what does not pickle
+        return function, pickle.dumps(Outcome(error=RuntimeError(failed.trace)))
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever."""
+    """A worker whose parent was killed would go on with its item."""
     parent = parent_process()
     if parent is not None:
         parent.join()

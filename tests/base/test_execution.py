@@ -6,7 +6,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
+from itertools import islice
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pickle import PicklingError
 
@@ -77,17 +78,16 @@ def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch: pytest.MonkeyPatch):
     """It is started, and ended."""
-    submit, started = ProcessPoolExecutor.submit, []
+    start, started = BaseProcess.start, []
 
-    def pressed(pool: ProcessPoolExecutor, *work: object):
+    def pressed(process: BaseProcess):
         if not started:
             signal.raise_signal(signal.SIGINT)
             time.sleep(0.1)
-        future = submit(pool, *work)
-        started.extend(process for process in pool._processes.values() if process not in started)
-        return future
+        start(process)
+        started.append(process)
 
-    monkeypatch.setattr(ProcessPoolExecutor, "submit", pressed)
+    monkeypatch.setattr(BaseProcess, "start", pressed)
     with pytest.raises(KeyboardInterrupt):
         ordered(time.sleep, [60, 60], 2)
     assert len(started) == 1
@@ -124,6 +124,51 @@ def dying_once(item: tuple[int, str]) -> int:
             return number**2
         os._exit(9)
     return number**2
+
+
+def large(item: int) -> bytes:
+    """More than a pipe holds, so that a worker is at its answer for most of the time; the first one is killed."""
+    if item == 0:
+        time.sleep(0.02)
+        os._exit(9)
+    return bytes(20_000_000)
+
+
+def test_workers_that_are_ended_amid_an_answer_are_not_waited_for():
+    """A pool of the standard library waits for ever for the rest of the answer."""
+    for _ in range(5):
+        survivors = surviving(large, list(range(30)), 2)
+        assert {index for index, _ in islice(survivors, 4)}
+        survivors.close()
+    assert dict(surviving(large, [0, 1], 2)) == {0: None, 1: bytes(20_000_000)}
+
+
+class Unsendable(Exception):
+    """An error that does not come whole through a pipe."""
+
+    def __init__(self, first: int, second: int) -> None:
+        super().__init__(first)
+
+
+def unsendable(item: int) -> object:
+    if item == 1:
+        raise Unsendable(1, 2)
+    if item == 4:
+        raise ValueError("holds what does not pickle", lambda: item)
+    return (lambda: item) if item == 2 else item
+
+
+@pytest.mark.parametrize(("item", "said"), [(1, "Unsendable"), (2, "pickle"), (4, "holds what does not")])
+def test_an_error_or_value_that_does_not_pickle_is_told(item: int, said: str):
+    """And not waited for."""
+    with pytest.raises(Exception, match=said):
+        ordered(unsendable, [0, item, 3], 2)
+
+
+def test_an_error_in_a_worker_shows_where_it_arose():
+    with pytest.raises(ZeroDivisionError) as error:
+        ordered((1).__divmod__, [1, 0], 2)
+    assert "in a worker:\nTraceback" in str(error.value.__cause__)
 
 
 def process_of(item: float) -> int:
