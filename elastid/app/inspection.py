@@ -20,6 +20,7 @@ from elastid.nonlinear.result import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog, StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE
 from elastid.recorded.responses.uff import is_universal_file
@@ -90,21 +91,29 @@ def _remark(start: NDArray[Any], values: ValueRange, rate_hz: float | None) -> s
     remarks = [f"{values.missing} values are not finite"] if values.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
-    elif (step := _even_step(start)) is not None:
-        remarks.append(f"rises evenly: {1 / step:.6g} Hz if it is the time in s")
+    elif rise := _rise(start):
+        remarks.append(rise)
     return "; ".join(remarks)
 
 
-def _even_step(start: NDArray[Any]) -> float | None:
-    """The median step of a signal that rises evenly, as a time or a counter does; None of any other."""
-    t = np.squeeze(start)[:10_000] if start.size > 1 else start
+def _rise(start: NDArray[Any]) -> str:
+    """The rate of a signal that rises by regular steps, as a time or a counter does; empty for any other."""
+    t = np.squeeze(start) if start.size > 1 else start
     if t.ndim != 1 or len(t) < 3 or t.dtype.kind == "b" or not np.isfinite(t).all():
-        return None
-    steps = np.diff(np.asarray(t, dtype=np.float64))
+        return ""
+    time_s = np.asarray(t, dtype=np.float64) - float(t[0])
+    steps = np.diff(time_s)
     usual = float(np.median(steps))
-    return usual if usual > 0 and np.all(np.abs(steps - usual) <= 0.5 * usual) else None
+    if steps.min() < 0 or time_s[-1] == 0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < _REGULAR:
+        return ""
+    grid, described = even_grid(time_s), TimeSteps.of(time_s)
+    if grid is not None and len(grid[0]) == grid[0][-1] + 1:
+        return f"rises evenly: {grid[2]:.6g} Hz if it is the time in s"
+    return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
 
 
+# Share of the steps of a time that are near their median; other signals that rise have fewer.
+_REGULAR = 0.9
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".pdf", ".png", ".svg", ".yml")

@@ -7,8 +7,9 @@ with those of the rigid body have residuals that are not white:
 
 for the torques of m joints in one log or several. R, the columns of everything that is no friction, is taken out of X
 and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need not be identifiable. Joints are weighted
-by the residuals of their torques. The covariance of beta is Newey and West's (Econometrica 55, 1987): neither time nor
-joints are taken for independent.
+by the residuals of their torques. The covariance of beta takes neither time nor joints for independent: it is that of
+the slowest B cosines of the scores of each log, with Student's quantile of B degrees of freedom in it (Lazarus, Lewis,
+Stock and Watson, J. Business & Economic Statistics 36, 2018).
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import stdtrit
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.statistics import f_test
+from elastid.base.statistics import QUANTILE_95, f_test
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
 FALSE_ALARM = 0.01
+# Highest frequency of the cosines of a covariance, below that of motions, and their least number in all logs.
+_HIGHEST_HZ, _LEAST_TERMS = 0.2, 8
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
 
@@ -140,8 +144,8 @@ class Solution:
         return Regression(tuple(names), self.beta[list(chosen)], self.covariance[np.ix_(chosen, chosen)], *of_fit)
 
 
-def solve(logs: Sequence[Equations], lags: int) -> Solution:
-    """The numbers that all logs share; residuals may be correlated over some lags."""
+def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
+    """The numbers that all logs share; rate_hz: of the instants."""
     X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
     (n, m), n_x = y.shape, X.shape[2]
     weight = np.ones(m)
@@ -157,9 +161,11 @@ def solve(logs: Sequence[Equations], lags: int) -> Solution:
         weight = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-300)
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
     parts = np.split(scores, np.cumsum([len(log.y) for log in logs])[:-1])
+    terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
-    window = 1 - np.arange(lags + 1) / (lags + 1)  # Bartlett's
-    covariance = bread @ sum(with_lags(part.T @ part, part, window) for part in parts) @ bread / np.outer(size, size)
+    meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
+    covariance = bread @ meat @ bread / np.outer(size, size)
+    covariance *= (float(stdtrit(sum(terms), 0.975)) / QUANTILE_95) ** 2
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
     independent = float(np.sum(n * (1 - correlation) / (1 + correlation)))
@@ -169,6 +175,18 @@ def solve(logs: Sequence[Equations], lags: int) -> Solution:
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     return Solution(beta, pi, np.asarray(covariance), relative, squares, correlation)
+
+
+def _terms(duration_s: float, logs: int) -> int:
+    """Cosines of a log of that duration, one of so many: few enough that the residuals are white over them."""
+    return max(round(duration_s * _HIGHEST_HZ * 2), -(-_LEAST_TERMS // logs))
+
+
+def _long_run(scores: FloatArray, terms: int) -> FloatArray:
+    """The covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
+    n = len(scores)
+    cosines = np.cos(np.pi * np.outer(np.arange(1, terms + 1), (np.arange(n) + 0.5) / n))
+    return np.asarray(2 / terms * (cosines @ scores).T @ (cosines @ scores))
 
 
 def _basis(R: FloatArray) -> FloatArray:

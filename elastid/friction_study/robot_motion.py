@@ -61,9 +61,9 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     joints = tuple(logs[0].motions)
     signals = [{joint: MotionSignals.of(log.motions[joint], passband_hz) for joint in joints} for log in logs]
     rigid = _rigid_columns(robot, logs, signals)
-    lags = signals[0][joints[0]].correlation_lags
+    rate_hz = signals[0][joints[0]].kept_hz
     solutions = [
-        solve([_equations(each, columns, apart) for each, columns in zip(signals, rigid, strict=True)], lags)
+        solve([_equations(each, columns, apart) for each, columns in zip(signals, rigid, strict=True)], rate_hz)
         for apart in (False, True)
     ]
     torques = [columns @ solutions[0].pi for columns in rigid]
@@ -146,7 +146,7 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     """Each joint has columns of its own: viscous and Coulomb friction, and what is viscous in one direction more."""
     first = next(iter(signals.values()))
     parts = [
-        np.stack([each.velocity, np.sign(each.velocity), *([np.abs(each.velocity)] if apart else [])], axis=1)
+        np.stack([each.velocity, each.direction, *([np.abs(each.velocity)] if apart else [])], axis=1)
         for each in signals.values()
     ]
     n, width = parts[0].shape
@@ -177,7 +177,7 @@ def _of_joint(
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:
     """The share of the torque that rigid body and friction leave, and its effect on the numbers."""
     v = np.concatenate([each.filtered(each.velocity) for each in signals])
-    s = np.concatenate([each.filtered(np.sign(each.velocity)) for each in signals])
+    s = np.concatenate([each.filtered(each.direction) for each in signals])
     friction = float(np.linalg.norm(fit["viscous"] * v + fit["coulomb"] * s))
     share = float(np.sqrt(fit.sum_of_squares)) / max(friction, 1e-300)
     independent = len(v) * (1 - fit.correlation) / (1 + fit.correlation)

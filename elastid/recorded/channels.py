@@ -18,12 +18,13 @@ from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.structure import Places
-from elastid.recorded.files.formats import read_channels
+from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.period import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.clock import CLOCK, at_times, delay, on_grid
+from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, delay
 from elastid.recorded.repair.missing import bridged_gaps, filled
+from elastid.recorded.repair.time_stamps import on_grid
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,9 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.rate_hz
     members = tuple(i for i, c in enumerate(experiment.channels) if experiment.key(c) == key)
     channels, path = [experiment.channels[i] for i in members], experiment.paths[number - 1]
-    has_time = bool(recorded.time) and key == (1, rate_hz)
+    has_time = bool(recorded.time) and own_rate_hz == rate_hz
+    if has_time and number > 1:  # each logger has its own clock, and not all of them stamps
+        has_time = recorded.time in contents(path, recorded.text)
     if has_time:
         channels = [*channels, ChannelSpec("y", "time", recorded.time, quantity="position")]
     if number > 1 or file.samples is None:
@@ -173,8 +176,7 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
         repaired = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
         signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    # The filter of a change of rate passes frequencies up to 45 % of the lower rate.
-    text = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {0.45 * rate_hz:g} Hz"
+    text = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     findings = (*findings, Finding("channels brought to another rate", len(names), text))
     return _Part(part.file, rate_hz, part.members, at_times(signals, times, period, 1 / ratio), findings)
 

@@ -115,7 +115,7 @@ def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
     assert record.repairs == {"samples missing in time": 7, "missing samples filled": 21}
     assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
     write_log(tmp_path / "log.h5", signals | {"t": keep / 300.0})
-    with pytest.raises(DataError, match=r"steps in time are no whole samples at 500 Hz"):
+    with pytest.raises(DataError, match=r"up to 135 Hz of the 225 Hz that rate_hz 500 promises; state rate_hz: 300"):
         _measure(tmp_path, _spec(time="t"))
 
 

@@ -146,8 +146,9 @@ class RecordedSpec:
     half_wave: Annotated[bool, Key("The excitation has odd lines only if true, so that the second half of a period is "
         "minus the first; each half then counts as a repetition, and one period gives a noise level.", "true for odd "
         "grids with few periods; wrong for full or even lines, whose response it would halve into noise.")] = False
-    time: Annotated[str, Key("Name of the channel that holds the time in s; gaps in it are missing samples.", "give it "
-        "for logs with dropouts or jitter; with a fixed clock rate_hz is enough.")] = ""
+    time: Annotated[str, Key("Name of the channel that holds the time in s; samples are brought from its stamps to "
+        "rate_hz where they are uneven or have another rate, and gaps in it are missing samples.", "give it for logs "
+        "with dropouts or jitter, or whose rate is not known well; with a fixed clock rate_hz is enough.")] = ""
     hold: Annotated[Hold, Key("Course of the acting torques between their samples. `zero-order` where u is a command "
         "that the drive keeps from each sample to the next: it acts half a sample later than its samples say, and "
         "weaker by a sinc, and angles (quantity: position) that are logged at the same rate, sampled without a filter, "

@@ -1,6 +1,7 @@
 """Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
 
-- sample_times:  gaps in a column of times                 -> missing samples
+- time_stamps:   gaps in a column of times                 -> missing samples
+                 uneven steps, or another rate than stated -> resampled
 - clock:         a period of a fraction of samples         -> resampled
 - lost_samples:  samples that the logger lost or doubled   -> missing samples
 - missing:       NaN                                       -> the same phase of the other periods

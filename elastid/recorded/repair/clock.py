@@ -1,4 +1,4 @@
-r"""The clock of a log: uneven sample times, a clock that differs from the generator's, delay between two logs.
+r"""The clock of a log: one that differs from the generator's, delay between two logs.
 
 Consecutive periods are then shifted by e = T - N samples, which their mean cross-spectrum C shows,
 
@@ -19,15 +19,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.repeats import blocks, scaled
 
-GAPS = "samples missing in time"
 RESAMPLED = "samples resampled"
-# Half width W in samples and shape beta of the Kaiser window.
-_HALF_WIDTH, _BETA = 32, 9.0
+# Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
+HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
 # The kernels of so many times are in memory together.
 _TIMES_AT_ONCE = 4096
 
@@ -38,8 +37,6 @@ class ClockLimits:
 
     # Correlation at the best delay at least; below, the signals are not the same.
     min_correlation: float = 0.5
-    # Times may jitter by this part of a sample.
-    max_jitter: float = 0.3
     # Quartz clocks differ by less; a period that is off by more is stated wrong.
     max_error: float = 5e-4
     # A smaller shift over the whole record, in samples, does no harm.
@@ -93,41 +90,12 @@ def _turns(C: ComplexArray, N: int) -> ComplexArray:
     return (2j * np.pi * np.arange(len(C)) / N).astype(np.complex128)
 
 
-def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
-    """Signals (n, c) with a row of NaN for each sample that the times (n,) leave out.
-
-    Only the step from one sample to the next counts: a clock that is slightly off makes no gap.
-    Raises DataError where times do not increase or lie between samples.
-    """
-    if not np.isfinite(time_s).all():
-        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise DataError(f"{log.where}: the time is missing at {place}; cut that part off with samples")
-    steps = np.diff(time_s) * rate_hz
-    counts = np.round(steps).astype(np.int64)
-    bad = np.flatnonzero((counts < 1) | (np.abs(steps - counts) > CLOCK.max_jitter))
-    if bad.size:
-        raise DataError(
-            f"{log.where}: {bad.size} of {len(steps)} steps in time are no whole samples at {rate_hz:g} Hz, the first "
-            f"after {log.time_of(bad[0])} of {steps[bad[0]] / rate_hz:.6g} s "
-            f"(median {np.median(np.diff(time_s)):.6g} s); correct rate_hz, or resample the log evenly"
-        )
-    row = np.concatenate([[0], np.cumsum(counts)])
-    lost = int(row[-1]) + 1 - len(signals)
-    if lost == 0:
-        return Repaired(signals)
-    result = np.full((int(row[-1]) + 1, signals.shape[1]), np.nan)
-    result[row] = signals
-    gaps = np.flatnonzero(counts > 1)
-    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.time_of(gaps[0])}"
-    return Repaired(result, (Finding(GAPS, lost, text),))
-
-
 def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
     """Signals (n, c) at times (m,), in samples; beyond their ends they are continued periodically.
 
     band: b, below 1 for a lower rate.
     """
-    reach = int(np.ceil(_HALF_WIDTH / band))
+    reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
     padded = _continued(signals, period, before, after)
@@ -135,16 +103,22 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
     offsets = np.arange(-reach, reach + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
         t = times[first : first + _TIMES_AT_ONCE]
-        nearest = np.round(t).astype(np.int64)
-        apart = band * ((t - nearest)[:, None] - offsets)
-        inside = np.clip(1 - (apart / _HALF_WIDTH) ** 2, 0.0, None)
-        kernel = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
-        # A constant stays a constant.
-        kernel /= kernel.sum(axis=1, keepdims=True)
+        nearest, weights = kernel(t, band)
         result[first : first + _TIMES_AT_ONCE] = np.einsum(
-            "tk,tkc->tc", kernel, padded[nearest[:, None] + before + offsets]
+            "tk,tkc->tc", weights, padded[nearest[:, None] + before + offsets]
         )
     return result
+
+
+def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
+    """The samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
+    reach = int(np.ceil(HALF_WIDTH / band))
+    nearest = np.round(t).astype(np.int64)
+    apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
+    inside = np.clip(1 - (apart / HALF_WIDTH) ** 2, 0.0, None)
+    weights = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
+    # A constant stays a constant.
+    return nearest, weights / weights.sum(axis=1, keepdims=True)
 
 
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
@@ -159,7 +133,7 @@ def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatAr
 def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     """Values at times that are at most one period outside."""
     N = round(period)
-    if period != N and len(x) > period + 2 * _HALF_WIDTH:
+    if period != N and len(x) > period + 2 * HALF_WIDTH:
         return at_times(x, times, N)
     nearest = np.round(times).astype(np.int64)
     return np.asarray(x[np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, nearest - N))])

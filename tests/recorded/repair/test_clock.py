@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
 from elastid.recorded.repair import Log, counts
-from elastid.recorded.repair.clock import GAPS, at_times, clock_drift, delay, on_grid, resampled
+from elastid.recorded.repair.clock import at_times, clock_drift, delay, resampled
 
 N, P = 500, 6
 
@@ -89,19 +88,3 @@ def test_interpolation_is_exact_in_its_band_and_keeps_the_rest_out() -> None:
     np.testing.assert_allclose(result[:, 1], 0.0, atol=1e-3)
     constant = at_times(np.full((4000, 1), 7.0), np.array([-40.3, 17.7, 4010.2]), 1000)
     np.testing.assert_allclose(constant, 7.0, rtol=1e-12)
-
-
-def test_gaps_in_the_times_become_missing_samples() -> None:
-    """Jitter of a tenth and a clock 200 ppm off are none; uneven sampling is refused with the place."""
-    t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-4 * np.random.default_rng(0).uniform(-1, 1, 100)
-    keep = np.r_[0:20, 23:70, 71:100]
-    x = np.arange(100.0)[:, None]
-    repaired = on_grid(t[keep], x[keep], 1000.0, LOG)
-    assert np.flatnonzero(np.isnan(repaired.signals[:, 0])).tolist() == [20, 21, 22, 70]
-    assert counts(repaired.findings) == {GAPS: 4}
-    np.testing.assert_array_equal(repaired.signals[keep], x[keep])
-    assert on_grid(t, x, 1000.0, LOG).findings == ()
-    with pytest.raises(DataError, match=r"log.csv: \d+ of 99 steps in time are no whole samples at 1500 Hz"):
-        on_grid(t, x, 1500.0, LOG)
-    with pytest.raises(DataError, match=r"1 of 99 steps .* the first after sample 49"):
-        on_grid(np.where(np.arange(100) < 50, t, t - 0.01), x, 1000.0, LOG)

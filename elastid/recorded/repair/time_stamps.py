@@ -1,0 +1,207 @@
+r"""Time stamps of a log: judged, and its samples brought from their instants to an even grid.
+
+The signal is the band-limited one that fits all samples in the sense of least squares,
+
+.. math:: \min_x \sum_i w_i \Bigl(s(t_i) - \sum_j x_j \varphi(t_i / T_k - j)\Bigr)^2, \quad
+    w_i = \tfrac12 (t_{i+1} - t_{i-1})
+
+with knots T_k apart and the windowed sinc of `clock` as phi; T_k is the longest mean of some steps in a row, so that
+samples are nowhere fewer than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995). It holds frequencies
+up to 0.45 / T_k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError
+from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair.clock import CLOCK, HALF_WIDTH, PASSBAND, RESAMPLED, at_times, kernel
+
+GAPS = "samples missing in time"
+# Knots that are solved for together, and those beyond either end that are solved for and not used.
+_KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
+# Steps in a row whose mean no knots are closer than.
+_IN_A_ROW = 8
+# Below the noise of any sensor.
+_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class TimeStampLimits:
+    """Limits of time stamps; their false-alarm rates are not measured."""
+
+    # Deviations from an even grid, in samples, that do no harm.
+    max_deviation: float = 0.02
+    # Half the last digit of rounded stamps, with a margin for the fitted line.
+    max_rounding: float = 0.6
+    # Longer steps, in medians, are gaps.
+    min_gap: float = 1.9
+    # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
+    min_rate_share: float = 0.75
+
+
+STAMPS = TimeStampLimits()
+
+
+@dataclass(frozen=True)
+class TimeSteps:
+    """Steps in s from one time stamp to the next, gaps among them, and the mean rate."""
+
+    shortest: float
+    median: float
+    longest: float
+    mean_hz: float
+
+    @classmethod
+    def of(cls, time_s: FloatArray) -> TimeSteps:
+        """Those of stamps (n,) that rise."""
+        steps = np.diff(time_s)
+        mean_hz = len(steps) / float(time_s[-1] - time_s[0])
+        return cls(float(steps.min()), float(np.median(steps)), float(steps.max()), mean_hz)
+
+    def __str__(self) -> str:
+        """All four in words."""
+        return (
+            f"steps of {1e3 * self.shortest:.6g} to {1e3 * self.longest:.6g} ms, median {1e3 * self.median:.6g} ms, "
+            f"mean rate {self.mean_hz:.6g} Hz"
+        )
+
+
+def even_grid(time_s: FloatArray) -> tuple[IntArray, float, float] | None:
+    """(row of each stamp, start in s, rate in Hz) of the even grid that stamps (n,) lie on; None where on none.
+
+    Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
+    """
+    steps = np.diff(time_s)
+    median = float(np.median(steps))
+    n = len(time_s)
+    candidates = [np.arange(n)]
+    if median > 0:
+        candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
+    rounding = STAMPS.max_rounding * _resolution(time_s)
+    for rows in candidates:
+        step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
+        deviation = float(np.abs(time_s - start - step * rows).max())
+        if step > 0 and deviation <= max(STAMPS.max_deviation * step, rounding):
+            return rows, float(start), 1 / float(step)
+    return None
+
+
+def _resolution(time_s: FloatArray) -> float:
+    """The decimal step that all stamps (n,) are multiples of; 0 where they have more than nine digits."""
+    for digits in range(10):
+        scaled = time_s * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) < 1e-3):
+            return float(10.0**-digits)
+    return 0.0
+
+
+def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:
+    """Signals (n, c) at rate_hz from the first stamp on, with rows of NaN where the stamps (n,) leave samples out.
+
+    Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
+    Raises DataError where stamps are missing or fall, and where long steps leave too little of the band.
+    """
+    for bad, what in ((~np.isfinite(time_s), "is missing"), (np.diff(time_s, prepend=-np.inf) < 0, "runs backwards")):
+        if bad.any():
+            place = log.time_of(np.flatnonzero(bad)[0])
+            raise DataError(f"{log.where}: the time {what} at {place}; cut that part off with samples")
+    if len(time_s) < 3 or time_s[-1] == time_s[0]:
+        raise DataError(f"{log.where}: its time does not rise; name another channel as time, or leave time out")
+    time_s = time_s - time_s[0]
+    steps, grid = TimeSteps.of(time_s), even_grid(time_s)
+    if grid is not None:
+        rows, start, own_hz = grid
+        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
+            return _with_gaps(signals, rows, log)
+        time_s = start + rows / own_hz
+        time_s -= time_s[0]
+    return _at_instants(time_s, signals, rate_hz, log, steps)
+
+
+def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
+    lost = int(rows[-1]) + 1 - len(signals)
+    if lost == 0:
+        return Repaired(signals)
+    result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+    result[rows] = signals
+    return Repaired(result, (_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log),))
+
+
+def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
+    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.time_of(gaps[0])}"
+    return Finding(GAPS, lost, text)
+
+
+def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, steps: TimeSteps) -> Repaired:
+    """Resampled from instants (n,) in s, the first of which is 0."""
+    own = np.diff(time_s)
+    gaps = np.flatnonzero(own > STAMPS.min_gap * steps.median)
+    of_knots = np.delete(own, gaps)
+    row = min(_IN_A_ROW, len(of_knots))
+    knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
+    if knot_hz < STAMPS.min_rate_share * rate_hz:
+        raise DataError(
+            f"{log.where}: its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
+            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {_rounded_down(knot_hz):g}"
+        )
+    grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
+    result, share = _fitted(time_s, signals, grid_s, knot_hz)
+    missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
+    for gap in gaps:  # the ends of a gap are measured
+        missing[np.abs(grid_s - time_s[gap]) < 0.5 / rate_hz] = False
+        missing[np.abs(grid_s - time_s[gap + 1]) < 0.5 / rate_hz] = False
+    result[missing] = np.nan
+    text = (
+        f"its time has {steps}: resampled on its stamps to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz; "
+        f"{share:.2g} of the rms of its samples, noise or faster, is left out"
+    )
+    findings = [Finding(RESAMPLED, len(result), text)]
+    if missing.any():
+        findings.append(_gaps(int(missing.sum()), gaps, log))
+    return Repaired(result, tuple(findings))
+
+
+def _rounded_down(rate_hz: float) -> float:
+    """To two digits."""
+    unit = 10.0 ** (np.floor(np.log10(rate_hz)) - 1)
+    return float(np.floor(rate_hz / unit + 1e-9) * unit)
+
+
+def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:
+    """Signals (m, c) at grid_s of the band-limited fit, and the largest rms of its residuals over that of a signal."""
+    instants, wanted = time_s * knot_hz, grid_s * knot_hz
+    result = np.empty((len(grid_s), signals.shape[1]))
+    squares = np.zeros(signals.shape[1])
+    for first in range(0, int(wanted[-1]) + 1, _KNOTS):
+        low, high = first - _OVERLAP, first + _KNOTS + _OVERLAP
+        used = slice(*np.searchsorted(instants, [low, high]))
+        asked = slice(*np.searchsorted(wanted, [first, first + _KNOTS]))
+        inside = slice(*np.searchsorted(instants[used], [first, first + _KNOTS]))
+        for i in range(signals.shape[1]):
+            t, s = instants[used], signals[used, i]
+            known = np.isfinite(s)
+            knots = _knots(t[known], s[known], low, high)
+            result[asked, i] = at_times(knots[:, None], wanted[asked] - low, len(knots))[:, 0]
+            left = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
+            squares[i] += float(np.nansum(left**2))
+    return result, float(np.max(np.sqrt(squares / len(signals)) / np.maximum(np.nanstd(signals, axis=0), 1e-300)))
+
+
+def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
+    """x (high - low + 1,) at whole t from low to high, of samples s (n,) at instants t (n,)."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import lsmr
+
+    start = np.interp(np.arange(low, high + 1.0), t, s)
+    nearest, weights = kernel(t - low)
+    columns = np.clip(nearest[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1), 0, high - low)
+    of_rows = np.arange(0, columns.size + 1, columns.shape[1])
+    K = csr_array((weights.ravel(), columns.ravel(), of_rows), shape=(len(t), high - low + 1))
+    w = np.sqrt(np.clip(np.gradient(t), 1e-3, 1.0))
+    correction = lsmr(K * w[:, None], w * (s - K @ start), atol=_TOLERANCE, btol=_TOLERANCE, maxiter=60)[0]
+    return np.asarray(start + correction)

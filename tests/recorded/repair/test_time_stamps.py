@@ -1,0 +1,113 @@
+"""Time stamps: grids that they lie on, and signals at instants that lie on none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.recorded.repair import Log, counts
+from elastid.recorded.repair.time_stamps import GAPS, TimeSteps, even_grid, on_grid
+
+LOG = Log("log.csv", ("torque", "angle"), 1000.0)
+RNG = np.random.default_rng(5)
+
+
+def waves(t: FloatArray, highest_hz: float) -> FloatArray:
+    """Two signals (n, 2) of twenty sines each, one with a ramp, at times t in s."""
+    rng = np.random.default_rng(3)
+    freq_hz, phase = rng.uniform(0.1, highest_hz, (2, 20)), rng.uniform(0, 2 * np.pi, (2, 20))
+    sines = [np.cos(2 * np.pi * np.outer(t, f) + p).sum(axis=1) for f, p in zip(freq_hz, phase, strict=True)]
+    return np.stack(sines, axis=1) + np.outer(t, [0.0, 2.0])
+
+
+def test_gaps_in_even_times_become_missing_samples() -> None:
+    """Stamps to a hundredth of a sample, and a clock 200 ppm off, change no sample."""
+    t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * RNG.uniform(-1, 1, 100)
+    left = np.r_[0:20, 23:70, 71:100]
+    x = np.arange(100.0)[:, None]
+    repaired = on_grid(t[left], x[left], 1000.0, LOG)
+    assert np.flatnonzero(np.isnan(repaired.signals[:, 0])).tolist() == [20, 21, 22, 70]
+    assert counts(repaired.findings) == {GAPS: 4}
+    np.testing.assert_array_equal(repaired.signals[left], x[left])
+    assert on_grid(t, x, 1000.0, LOG).findings == ()
+
+
+UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
+    "10 or 12 ms": (np.cumsum(RNG.choice([0.010, 0.012], 3000)), 100.0, 35.0),
+    "jitter of a fifth": (np.arange(5000) / 1000 + RNG.uniform(-2e-4, 2e-4, 5000), 1000.0, 400.0),
+    "another rate": (7.0 + np.arange(4000) / 98, 100.0, 40.0),
+    "UNIX time": (1.7e9 + np.cumsum(RNG.choice([0.010, 0.012], 3000)), 100.0, 35.0),
+    "more than a block": (np.cumsum(RNG.uniform(0.8e-3, 1.2e-3, 40_000)), 900.0, 300.0),
+}
+
+
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None:
+    """To 1e-4 of its size but near the ends, and the message states the steps and the band."""
+    t, rate_hz, highest_hz = UNEVEN[kind]
+    repaired = on_grid(t, waves(t - t[0], highest_hz), rate_hz, LOG)
+    grid = np.arange(len(repaired.signals)) / rate_hz
+    assert grid[-1] == pytest.approx(t[-1] - t[0], abs=1 / rate_hz)
+    error = repaired.signals - waves(grid, highest_hz)
+    assert np.abs(error[60:-60]).max() < 1e-4 * waves(grid, highest_hz)[:, 0].std() + 1e-3 * ("UNIX" in kind)
+    assert str(TimeSteps.of(t - t[0])) in repaired.findings[0].text
+
+
+def test_white_noise_grows_little() -> None:
+    """By more than a fifth, at instants up to 0.4 of a sample off."""
+    t = np.arange(20_000) / 1000 + RNG.uniform(-4e-4, 4e-4, 20_000)
+    noise = np.random.default_rng(1).normal(size=(20_000, 1))
+    assert 0.85 < on_grid(t, noise, 1000.0, LOG).signals[100:-100].std() < 1.2
+
+
+def test_gaps_and_missing_values_among_uneven_times_stay_missing() -> None:
+    """What lies beside them is exact to 3 %, what is far to 1e-4."""
+    t = np.arange(5000) / 1000 + RNG.uniform(-2e-4, 2e-4, 5000)
+    left = np.delete(np.arange(5000), np.r_[1000:1010, 3000])
+    signals = waves(t[left], 100.0)
+    signals[2000, 1] = np.nan
+    repaired = on_grid(t[left], signals, 1000.0, LOG)
+    missing = np.flatnonzero(np.isnan(repaired.signals[:, 0]))
+    assert missing.tolist() == [*range(1000, 1010), 3000]
+    assert repaired.findings[1].count == 11
+    error = np.abs(repaired.signals - waves(np.arange(len(repaired.signals)) / 1000 + t[0], 100.0))
+    assert np.nanmax(error[100:-100]) < 3e-2 * signals[:, 0].std()
+    assert np.nanmax(error[1100:1900]) < 1e-4 * signals[:, 0].std()
+
+
+@pytest.mark.parametrize(
+    ("stamps", "rate_hz"),
+    [
+        (lambda k: k / 1000, 1000.0),
+        (lambda k: np.round(k / 400, 3), 400.0),
+        (lambda k: np.round(1.7e9 + k / 250, 2), 250.0),
+        (lambda k: np.floor(k / 1000 * 64) / 64, 1000.0),
+    ],
+    ids=["exact", "2 and 3 ms in turn", "UNIX time in 10 ms", "no decimal step"],
+)
+def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], FloatArray], rate_hz: float) -> None:
+    """But those that are rounded to no decimal step: their deviations are taken for what they say."""
+    grid = even_grid(stamps(np.arange(4000.0)) - stamps(np.zeros(1)))
+    if rate_hz == 1000.0 and stamps(np.ones(1)) == 0:
+        assert grid is None
+    else:
+        assert grid is not None
+        assert grid[2] == pytest.approx(rate_hz, rel=1e-6)
+
+
+def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
+    """A rate that the stamps do not have, times that fall, are missing or stand."""
+    t = np.cumsum(RNG.choice([0.010, 0.012], 2000))
+    with pytest.raises(DataError, match=r"up to 37.5 Hz of the 90 Hz that rate_hz 200 promises; state rate_hz: 83$"):
+        on_grid(t, t[:, None], 200.0, LOG)
+    assert on_grid(t, t[:, None], 83.0, LOG).findings
+    with pytest.raises(DataError, match="runs backwards at sample 50"):
+        on_grid(np.where(np.arange(2000) < 50, t, t - 1), t[:, None], 100.0, LOG)
+    with pytest.raises(DataError, match="is missing at sample 7"):
+        on_grid(np.where(np.arange(2000) == 7, np.nan, t), t[:, None], 100.0, LOG)
+    with pytest.raises(DataError, match="does not rise"):
+        on_grid(np.zeros(2000), t[:, None], 100.0, LOG)
