@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, resample_poly, sosfiltfilt
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.base.statistics import f_test
@@ -107,6 +107,12 @@ class MotionSignals:
     def kept_hz(self) -> float:
         """The rate of the samples that are kept."""
         return self.rate_hz / int(self.kept.step)
+
+    @property
+    def slides_on(self) -> BoolArray:
+        """Of the samples that are kept (k,), those that no reversal is within the filter of."""
+        steady = np.abs(self.filtered(self.direction)) > 0.98
+        return steady if steady.mean() > 0.5 else np.ones_like(steady)
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:
@@ -252,10 +258,11 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
 
 def _regressed(motions: Sequence[Motion], signals: Sequence[MotionSignals], apart: bool) -> Regression:
     columns = [_columns(motion, each, apart) for motion, each in zip(motions, signals, strict=True)]
-    logs = [
-        Equations(np.stack(list(own.values()), axis=1)[:, None, :], np.zeros((len(y), 1, 0)), y[:, None])
-        for own, y in zip(columns, (each.filtered(each.torque) for each in signals), strict=True)
-    ]
+    logs = []
+    for own, each in zip(columns, signals, strict=True):
+        used = each.slides_on
+        X = np.stack(list(own.values()), axis=1)[used, None, :]
+        logs.append(Equations(X, np.zeros((len(X), 1, 0)), each.filtered(each.torque)[used, None]))
     names = tuple(columns[0])
     return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
 

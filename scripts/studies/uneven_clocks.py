@@ -10,8 +10,8 @@ sines for 64 s by a PD controller. Its torque (noise 0.5 N*m) and angle (an enco
 - at 400 Hz with stamps that are rounded to 1 ms, each of which is 2 or 3 ms after the last;
 - at 98 Hz for a stated rate of 100 Hz.
 
-Of 100 draws of each the 95 % intervals must hold each number 88 times at least (5 % of the time a coverage of 93 % is
-below 88).
+Of 100 draws of each the 95 % intervals must hold the inertia 93 times at least (5 % of the time a coverage of 96 % is
+below), friction 85 times: without any noise Coulomb friction is 0.08 % low at 100 Hz, which is 0.8 std here.
 The last line is one JSON object: shares covered, and the largest error of the inertia.
 """
 
@@ -50,8 +50,9 @@ def simulated(draws: int, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
     for i in range(len(t)):
         u = 4000 * (reference[i] - q) + 300 * (speed[i] - v)
         angle[i], torque[i] = q, u
-        push = (u - TRUTH["coulomb"] * np.tanh(v / 1e-3)) * STEP_S / TRUTH["inertia"]
-        v = ((1 - damping) * v + push) / (1 + damping)
+        free = (1 - damping) * v + u * STEP_S / TRUTH["inertia"]
+        # Coulomb friction takes momentum until there is none.
+        v = np.sign(free) * np.maximum(np.abs(free) - TRUTH["coulomb"] * STEP_S / TRUTH["inertia"], 0) / (1 + damping)
         q = q + STEP_S * v
     return angle, torque
 
@@ -115,7 +116,8 @@ def main() -> None:
         summary[name] = covered | {"largest error of J": max(errors)}
         print(f"{name:16}", "  ".join(f"{number} {value:.3g}" for number, value in summary[name].items()), flush=True)
         if not given.quick:
-            assert min(covered.values()) >= 0.88, name
+            assert covered["inertia"] >= 0.93, name
+            assert min(covered.values()) >= 0.85, name
     print(json.dumps(summary))
 
 
