@@ -81,11 +81,14 @@ def axis() -> MotionFriction:
 
 
 def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction) -> None:
-    """Janot, Gautier and Brunot (2019): 95.11 kg, 203.50 N s/m, 20.39 N, -3.16 N with both directions alike."""
+    """Janot, Gautier and Brunot (2019): 95.11 kg, 203.50 N s/m, 20.39 N, -3.16 N with both directions alike.
+
+    From all samples; without those near a reversal friction is 1.3 N s/m and 0.14 N off, a tenth of its std.
+    """
     alike, apart = axis.alike, axis.apart
     assert alike["inertia"] == pytest.approx(95.11, abs=0.3)
-    assert alike["viscous"] == pytest.approx(203.5, abs=1.0)
-    assert alike["coulomb"] == pytest.approx(20.39, abs=0.1)
+    assert alike["viscous"] == pytest.approx(203.5, abs=2.0)
+    assert alike["coulomb"] == pytest.approx(20.39, abs=0.2)
     assert alike["offset"] == pytest.approx(-3.16, abs=0.1)
     assert axis.are_apart
     assert apart["inertia"] == pytest.approx(95.1, abs=0.3)
@@ -95,6 +98,19 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
     assert levels == pytest.approx([20.2, 20.7], abs=0.1)
     assert apart.relative_error < 0.025
     assert alike.relative_error > 0.035
+
+
+def test_the_halves_of_a_real_record_agree(axis: MotionFriction) -> None:
+    """Each number within 2.5 std of the difference, two slopes or one."""
+    q, u = axis.motion.position, axis.motion.torque
+    halves = [
+        regress_motion(replace(axis.motion, position=q[part], torque=u[part]))
+        for part in (np.s_[:12400], np.s_[12400:])
+    ]
+    for fits in ([half.alike for half in halves], [half.apart for half in halves]):
+        for name in fits[0].names:
+            std = np.hypot(*(fit.std(name) for fit in fits))
+            assert abs(fits[0][name] - fits[1][name]) < 2.5 * std, name
 
 
 def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
