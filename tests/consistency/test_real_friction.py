@@ -38,13 +38,13 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
     summary = run("emps", tmp_path / "run")
     value = {name: number["value"] for name, number in summary["parameters"].items()}
     assert value["J_m1"] == pytest.approx(95.1, abs=0.2)
-    assert [value["f_m1+"], value["f_m1-"]] == pytest.approx([166, 240], abs=1)
-    assert [value["Fc_m1+"], value["Fc_m1-"]] == pytest.approx([20.2, 20.7], abs=0.1)
+    assert [value["f_m1+"], value["f_m1-"]] == pytest.approx([166, 239.5], abs=1.5)
+    assert [value["Fc_m1+"], value["Fc_m1-"]] == pytest.approx([20.2, 20.8], abs=0.1)
     motion = summary["motions"]["1"]
     assert motion["relative_error"] < 0.025
     alike = {name: number["value"] for name, number in motion["alike"].items()}
-    assert alike["viscous"] == pytest.approx(203.5, abs=0.5)
-    assert alike["coulomb"] == pytest.approx(20.39, abs=0.05)
+    assert alike["viscous"] == pytest.approx(203.5, abs=2)
+    assert alike["coulomb"] == pytest.approx(20.39, abs=0.2)
     assert not any(name.startswith(("Fs", "vs")) for name in value)
     (torque,) = summary["torque"]
     assert torque["shares"] == pytest.approx(
@@ -74,8 +74,8 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
     for stage in ("measure", "levels", "friction", "follow"):
         assert cli.run_command([stage, str(study), "--run", str(tmp_path), "-q"]) == 0
     (found,) = read_filter(tmp_path / "filter.h5")
-    assert found.filtered.viscous == pytest.approx(203.3, abs=0.5)
-    regression = {"Fc": 20.4, "f+": 166.4, "f-": 240.2}
+    assert found.filtered.viscous == pytest.approx(202.5, abs=0.5)
+    regression = {"Fc": 20.5, "f+": 166.1, "f-": 238.6}
     for i, (name, value) in enumerate(zip(found.names, found.values[-1].tolist(), strict=True)):
         half = (found.high[-1, i] - found.low[-1, i]) / 2
         if name in regression:

@@ -85,7 +85,8 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
     assert dict(zip(found.parts, found.shares, strict=True)) == pytest.approx(
         {INERTIA: 0.508, VISCOUS: 0.232, DRY: 0.259}, abs=0.003
     )
-    assert found.left == pytest.approx(motion.chosen.relative_error**2, rel=1e-6)
+    # The regression leaves out what is near a reversal.
+    assert found.left == pytest.approx(motion.chosen.relative_error**2, rel=0.1)
     assert found.left < 0.001
     assert found.left_without_friction == pytest.approx(0.492, abs=0.003)
     assert all(band.shares[0] > 0.97 for band in found.bands if band.low_hz >= 2.5)
