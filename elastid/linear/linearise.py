@@ -29,12 +29,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import check_theta
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.measurement_chain import elements
+from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements
 from elastid.linear.operating_point_slopes import PointDerivatives, differentiate_point, total
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
-from elastid.model.parallel_linkage.loop_closure import motions
+from elastid.model.loop_closure import motions
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
 from elastid.robot import Robot

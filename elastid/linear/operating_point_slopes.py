@@ -26,7 +26,7 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import OperatingPoint, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, null_space
+from elastid.model.loop_closure import RANK_TOLERANCE, null_space
 
 
 @dataclass(frozen=True, eq=False)

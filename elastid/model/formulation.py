@@ -28,10 +28,10 @@ from dataclasses import replace
 import casadi as ca
 
 from elastid.base.errors import StudyError
+from elastid.model.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
 from elastid.model.elastic import ElasticModel
+from elastid.model.loop_closure import closures, cut, elastic, stretching, with_rod_inertia
 from elastid.model.open_chain import by_name, elastic_model, open_chain
-from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
-from elastid.model.parallel_linkage.loop_closure import closures, cut, elastic, stretching, with_rod_inertia
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
 

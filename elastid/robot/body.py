@@ -12,8 +12,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
-from elastid.robot.named_numbers import Numbers, coordinates
-from elastid.robot.placement import Placement, Vector3
+from elastid.robot.placement import Numbers, Placement, Vector3, coordinates
 
 InertiaTensor: TypeAlias = (
     Inertia | tuple[Inertia, Inertia, Inertia] | tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]

@@ -16,8 +16,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
-from elastid.robot.named_numbers import Numbers, below, coordinates
-from elastid.robot.placement import Vector3
+from elastid.robot.placement import Numbers, Vector3, below, coordinates
 
 
 @section

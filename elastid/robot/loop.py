@@ -8,8 +8,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
-from elastid.robot.named_numbers import Numbers, below, coordinates
-from elastid.robot.placement import Axis, unit_axis
+from elastid.robot.placement import Axis, Numbers, below, coordinates, unit_axis
 
 
 @section

@@ -21,7 +21,7 @@ from typing import Annotated, Literal
 
 from elastid.base.section import Key, section
 from elastid.base.units import Time
-from elastid.robot.named_numbers import Numbers
+from elastid.robot.placement import Numbers
 
 
 def gain_name(role: str, place: str) -> str:

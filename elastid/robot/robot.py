@@ -20,8 +20,7 @@ from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
-from elastid.robot.named_numbers import Numbers, Path, below, number_at, replaced
-from elastid.robot.placement import Acceleration3, Placement
+from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
 
 
 def check_part_names(

@@ -22,8 +22,7 @@ from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_differen
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, Body, Frame, Payload
-from elastid.robot.joint import Joint, Limits
-from elastid.robot.motor import Motor
+from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
 from elastid.robot.spring import Spring

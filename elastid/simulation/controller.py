@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.closed_posture import followed, rates
 
 
 @frozen_value(eq=False)

@@ -22,8 +22,8 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.hold_images import HoldImages, factor, hold_images
 from elastid.linear.response.ldl import Elimination, Leaves
+from elastid.linear.response.transfer import HoldImages, factor, hold_images
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, Closure, closures
+from elastid.model.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
 
 

@@ -20,11 +20,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.model.closed_posture import assembled
 from elastid.model.drivetrain import motor_coordinates
 from elastid.model.frame_tree import tree
+from elastid.model.loop_closure import Closure, elastic
 from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
-from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import Closure, elastic
 from elastid.model.spec import Variant
 from elastid.model.springs import Strain
 from elastid.robot import Loop, Robot
