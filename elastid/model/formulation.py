@@ -87,7 +87,7 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     geometry: names of robot.geometry that are parameters of the model besides robot.parameters(); others do not count.
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
-    if refused := spec.loop_refusal(robot):
+    if robot.loops and (refused := spec.loop_refusal(robot)):
         raise StudyError(f"model.formulation: {refused}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)

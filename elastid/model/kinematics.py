@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.model.closed_posture import followed, mechanism, rates
-from elastid.model.frame_tree import Attachment, Tree, carriers, tree
+from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
 from elastid.robot import BASE, TOOL, Robot
 
 
@@ -51,7 +51,7 @@ def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[fl
     """The base first, then body by body, then the frames.  further: body name to points in the body's own axes."""
     points = [Knot("base", BASE, -1, np.zeros(3), -1)]
     origin = {BASE: 0}
-    points += _points(Attachment(-1, np.eye(3), np.zeros(3)), BASE, 0, further)
+    points += _points(ON_BASE, BASE, 0, further)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         # A body's joints start from one origin, but for those at a point of their own.
         first = seat.frame - len(body.joints) + 1
