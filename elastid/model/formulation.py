@@ -14,10 +14,6 @@ singular: only on the null space of Phi is it regular. Minimal, eq. (2.34): inde
 Elastic rods are cut: they are force elements, and a loop that they close needs no constraint. Other loops are
 eliminated by the implicit function theorem, exactly, in the linear model and in the simulation; the dependent
 coordinates stay in q and are solved for, not integrated.
-
-.. math:: M(q)\, \ddot q + f(q, \dot q) = B u
-
-Niglis & Oberg (2015), eq. (2.10); the extended flexible joint of eq. (2.12) is a further joint with a spring.
 """
 
 from __future__ import annotations

@@ -102,9 +102,7 @@ class Poses:
 
 def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
-    layout = tree(robot)
-    seat = _seat(robot, layout, frame)
-    R, p = frames(layout, np.asarray(q, dtype=float))
+    _, seat, R, p = _seated(robot, q, frame)
     turned = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
     return Poses(placed(R, p, seat.frame, seat.p, len(q)), turned @ seat.R)
 
@@ -114,18 +112,17 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
 
     Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
     """
-    layout = tree(robot)
-    seat = _seat(robot, layout, frame)
-    R, p = frames(layout, np.asarray(q, dtype=float))
+    layout, seat, R, p = _seated(robot, q, frame)
     return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, seat.p, len(q)))
 
 
-def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
+def _seated(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, list[FloatArray], list[FloatArray]]:
+    layout = tree(robot)
     seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
     seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}
     if name not in seats:
         raise StudyError(f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}")
-    return seats[name]
+    return layout, seats[name], *frames(layout, np.asarray(q, dtype=float))
 
 
 def point_jacobians(

@@ -25,6 +25,12 @@ TOOL = "tool"
 TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
+def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, float]:
+    """xx, yy, zz, xy, xz, yz of a symmetric tensor (3, 3)."""
+    xx, yy, zz, xy, xz, yz = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+    return xx, yy, zz, xy, xz, yz
+
+
 @section
 class Body:
     """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass."""

@@ -21,7 +21,16 @@ from elastid.base.units import (
     of_translation,
 )
 from elastid.robot.friction import Friction
-from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis
+from elastid.robot.placement import (
+    Axis,
+    Numbers,
+    Vector3,
+    below,
+    coordinates,
+    require_not_negative,
+    require_positive,
+    unit_axis,
+)
 from elastid.robot.spring import Spring
 
 
@@ -57,15 +66,13 @@ class Motor:
         """Refuse numbers that no motor can have."""
         if self.ratio == 0 or not math.isfinite(self.ratio):
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
-        if not self.inertia > 0:
-            raise ValueError(f"the motor's inertia is {self.inertia:g} kg*m^2; it must be positive")
+        require_positive("the motor's inertia", self.inertia, " kg*m^2")
         if self.spring is not None and not self.spring.is_linear:
             raise ValueError(
                 "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"
             )
-        for name, friction in (("viscous", self.viscous), ("coulomb", self.coulomb)):
-            if friction < 0:
-                raise ValueError(f"{name} friction is {friction:g}; it must not be negative")
+        require_not_negative("viscous friction", self.viscous)
+        require_not_negative("coulomb friction", self.coulomb)
         if bool(self.on) != (self.axis is not None):
             raise ValueError(
                 "the motor rides on a body: give both `on`, the body, and `axis`, the rotor's direction in the axes of "
@@ -155,8 +162,7 @@ class Joint:
     def __post_init__(self) -> None:
         """Check axis, friction and units."""
         unit_axis(self.axis)
-        if self.viscous < 0:
-            raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
         if self.slides and any(self.point):
             raise ValueError(
                 f"joint {self.name}: it slides, so that the place of its axis has no effect; leave out point"
@@ -223,17 +229,10 @@ class Joint:
 
     def _check_units(self) -> None:
         """A number written with a unit must have one of the joint's motion; those of its motor, of a rotation."""
-        owners: dict[str, object] = {"": self, "spring: ": self.spring, "limits: ": self.limits} | _friction(
-            "", self.friction
-        )
-        for part, owner in owners.items():
-            for name, number in _numbers_of(owner):
-                if self.refusal_of(number):
-                    raise ValueError(f"{part}{name} {self.refusal_of(number)}")
-        turning: dict[str, object] = {"": self.motor}
-        if self.motor is not None:
-            turning |= {"spring: ": self.motor.spring} | _friction("", self.motor.friction)
-        for name, number in ((part + name, x) for part, owner in turning.items() for name, x in _numbers_of(owner)):
+        for name, number in _numbers_of(self):
+            if refused := self.refusal_of(number):
+                raise ValueError(f"{name} {refused}")
+        for name, number in () if self.motor is None else _numbers_of(self.motor):
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(
                     f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
@@ -241,20 +240,14 @@ class Joint:
                 )
 
 
-def _numbers_of(owner: object) -> Iterator[tuple[str, float]]:
-    """The numbers that a section holds itself."""
-    for name, value in vars(owner).items() if owner is not None else ():
+def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
+    """The numbers of a section and of the sections in it but for a motor: `viscous`, `friction.lugre: stiffness`."""
+    for name, value in vars(part).items():
+        if is_dataclass(value) and not isinstance(value, Motor):
+            yield from _numbers_of(value, f"{path}.{name}" if path else name)
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, float):
-                yield name, number
-
-
-def _friction(part: str, friction: Friction | None) -> dict[str, object]:
-    """The sections of dry friction that hold numbers."""
-    if friction is None:
-        return {}
-    inner = {f"{part}friction.{name}: ": value for name, value in vars(friction).items() if is_dataclass(value)}
-    return {f"{part}friction: ": friction, **inner}
+                yield f"{path}: {name}" if path else name, number
 
 
 def _turns(dimension: str) -> bool:

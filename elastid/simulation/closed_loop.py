@@ -31,7 +31,7 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
-from elastid.simulation.controller import Gains, feedback
+from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
 
@@ -135,7 +135,7 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float) -> ca.Function
     E, E_inverse = shafts(model)
     reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ given["q"], given["noise"])
     last, position, velocity = given["last"], given["position"], given["velocity"]
-    error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
+    error = given["kp"] * (position - reading) + given["kd"] * (velocity - (reading - last) * rate_hz)
     command = given["torque"] + error + given["ki"] * given["integral"]
     asked = E_inverse.T @ command
     taken = drives.clipped(asked)
