@@ -132,7 +132,6 @@ class DenavitHartenberg:
 
 
 def _chained(*placements: Placement) -> Placement:
-    """The placements one after the other."""
     R, p = np.eye(3), np.zeros(3)
     for placement in placements:
         R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)

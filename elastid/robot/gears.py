@@ -151,7 +151,6 @@ def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
 
 
 def _without_rounding(matrix: NDArray[Any]) -> FloatArray:
-    """The matrix with the rounding residue of zeros set to zero."""
     return np.where(np.abs(matrix) < 1e-12 * np.abs(matrix).max(initial=0.0), 0.0, matrix)
 
 
