@@ -141,11 +141,11 @@ def bias(
     return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
 
 
-def seen_from_frames(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Jacobians and gravity in axes fixed to bodies and frames.
+def seen_from_frames(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
+    """J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
 
-    (3 n_bodies, n): J v stacks the absolute angular velocity of each body, in the body's own axes.
-    (6 n_f, n): velocity of the origin and angular velocity of each named frame, in its own axes.  Gravity (3 n_f,) too.
+    J v stacks the absolute angular velocity of each body, then velocity of the origin and angular velocity of each
+    named frame, each in its own axes.
     """
     n, gravity = len(layout.frames), ca.SX(ca.DM(np.array(robot.gravity)))
     still = ca.SX(3, n), ca.SX(3, n), gravity
@@ -166,7 +166,7 @@ def seen_from_frames(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tu
         across = ca.skew(ca.DM(seat.p) if isinstance(seat.p, np.ndarray) else seat.p)
         moving += [R @ (linear - across @ angular), R @ angular]
         falling.append(R @ g)
-    return ca.vertcat(*turning), ca.vertcat(ca.SX(0, n), *moving), ca.vertcat(ca.SX(0, 1), *falling)
+    return ca.vertcat(*turning, *moving), ca.vertcat(ca.SX(0, 1), *falling)
 
 
 def inverse_dynamics(robot: Robot) -> ca.Function:
@@ -216,8 +216,8 @@ def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "
     q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
     layout = tree(robot)
     turned = turns(layout, q)
-    row = 6 * names.index(frame)
-    J = seen_from_frames(robot, layout, turned)[1][row : row + 6, :]
+    row = 3 * len(robot.all_bodies) + 6 * names.index(frame)
+    J = seen_from_frames(robot, layout, turned)[0][row : row + 6, :]
     seat = layout.named[names.index(frame)]
 
     def own(vector: ca.SX) -> ca.SX:
