@@ -23,7 +23,7 @@ from elastid.linear.fitted_model import uncertain_modes
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
-from elastid.model.stick_figure import stick_figure
+from elastid.model.kinematics import stick_figure
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names

@@ -18,9 +18,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
+from elastid.model.closed_posture import assembled
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import motions, null_space
+from elastid.model.loop_closure import motions, null_space
 from elastid.model.springs import deflections, tangents
 from elastid.record import Configuration
 

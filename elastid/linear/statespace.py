@@ -20,8 +20,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
 from elastid.base.escape import control_label
-from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.linear.measurement_chain import LagElement
+from elastid.linear.linear_model import DELAY, LagElement, LinearModel
 from elastid.record import Configuration, Motion
 
 

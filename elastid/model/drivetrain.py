@@ -36,7 +36,6 @@ so in eq. (3.2).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -46,60 +45,51 @@ from elastid.robot import BASE, Robot, unit_axis
 from elastid.robot.gears import Gearbox
 
 
-@dataclass(frozen=True)
-class Drivetrain:
-    """K and D (n_q, n_q) of springs, dampers and viscous friction, M (n_q, n_q) of the rotors, as SX of theta.
-
-    M: of rotors without a carrier; those that ride on a body are in `motor_coupling`.
-    """
-
-    M: ca.SX
-    D: ca.SX
-    K: ca.SX
-
-
-def motor_coordinates(robot: Robot) -> dict[str, int]:
-    """The coordinate of each driven joint's motor, by joint: its own where the gear is elastic, else the joint's."""
-    joints = [joint.name for joint in robot.joints]
-    own = {joint.name: len(joints) + i for i, joint in enumerate(robot.flexible)}
-    return {joint.name: own.get(joint.name, joints.index(joint.name)) for joint in robot.driven}
-
-
 def input_matrix(robot: Robot) -> FloatArray:
-    """B (n_q, n_u): a link-side motor torque acts on its motor's coordinate alone."""
-    rows = list(motor_coordinates(robot).values())
-    B = np.zeros((len(robot.joints) + len(robot.flexible), len(rows)))
-    B[rows, range(len(rows))] = 1.0
+    """B (n_q, n_u): a link-side motor torque acts on its motor's coordinate alone, the joint's where the gear is rigid.
+
+    eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side.
+    """
+    n_l = len(robot.joints)
+    B = np.zeros((n_l + len(robot.flexible), len(robot.driven)))
+    for i, (joint, place) in enumerate(zip(robot.driven, robot.driven_indices, strict=True)):
+        B[n_l + robot.flexible.index(joint) if joint in robot.flexible else place, i] = 1.0
     return B
 
 
-def rotor_rates(robot: Robot) -> FloatArray:
-    """eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side."""
-    return np.asarray(robot.eta @ input_matrix(robot).T)
+def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """M, D, K (n_q, n_q), the quadratic forms of T_m, R and V_s, with rotors that have no carrier.
 
-
-def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
-    """The quadratic forms of T_m, R and V_s; theta maps every name of robot.parameters() to its symbol."""
+    theta maps every name of robot.parameters() to its symbol.
+    """
     n_q = len(robot.joints) + len(robot.flexible)
-    M, D, K = ca.SX(n_q, n_q), ca.SX(n_q, n_q), ca.SX(n_q, n_q)
-    for i, joint in enumerate(robot.joints):
-        rate = _direction(np.eye(n_q)[i])
-        D += theta[f"f_{joint.name}"] * rate
+    inertia: list[tuple[str, FloatArray]] = []
+    damping: list[tuple[str, FloatArray]] = []
+    stiffness: list[tuple[str, FloatArray]] = []
+    for joint, rate in zip(robot.joints, np.eye(n_q), strict=False):
+        damping.append((f"f_{joint.name}", rate))
         if joint.spring is not None and not joint.is_flexible:
-            K += theta[f"k_{joint.name}"] * rate
-            D += theta[f"d_{joint.name}"] * rate
-    for joint, turning in zip(robot.driven, rotor_rates(robot), strict=True):
-        D += theta[f"fm_{joint.name}"] * _direction(turning)
+            stiffness.append((f"k_{joint.name}", rate))
+            damping.append((f"d_{joint.name}", rate))
+    for joint, turning in zip(robot.driven, robot.eta @ input_matrix(robot).T, strict=True):
+        damping.append((f"fm_{joint.name}", turning))
         if joint.motor is not None and not joint.motor.on:
-            M += theta[f"Jm_{joint.name}"] * _direction(turning)
+            inertia.append((f"Jm_{joint.name}", turning))
     for name, z in spring_deflections(robot).items():
-        K += theta[name] * _direction(z)
-        D += theta[f"d{name[1:]}"] * _direction(z)
+        stiffness.append((name, z))
+        damping.append((f"d{name[1:]}", z))
+    M, D, K = (
+        sum((theta[name] * (y @ y.T) for name, y in sparse), start=ca.SX(n_q, n_q))
+        for sparse in ([(name, ca.sparsify(ca.DM(y))) for name, y in terms] for terms in (inertia, damping, stiffness))
+    )
+    delta = gear_deflections(robot)
     for box in robot.gearboxes:
         if box.is_in_series:
-            stiffness, damping = _in_series(box, gear_deflections(robot)[list(box.gears)], theta)
-            K, D = K + stiffness, D + damping
-    return Drivetrain(M, D, K)
+            X, to_q, K_a = ca.DM(box.X), ca.DM(delta[list(box.gears)]), series_stiffness(box, theta)
+            slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
+            losses = sum((slow * X[:, s] @ X[:, s].T for s, slow in enumerate(slowness)), start=ca.SX(0))
+            K, D = K + to_q.T @ K_a @ to_q, D + to_q.T @ (K_a @ losses @ K_a) @ to_q
+    return M, D, K
 
 
 def gear_deflections(robot: Robot) -> FloatArray:
@@ -119,24 +109,7 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
     return rows
 
 
-def rigid_rows(robot: Robot) -> FloatArray:
-    """A (n_c, n_q) of A q = 0, the constraints of rigid gears that are coupled with elastic ones; else no rows."""
-    delta = gear_deflections(robot)
-    rows = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
-    return np.vstack([np.zeros((0, delta.shape[1])), *rows])
-
-
-def series_torques(robot: Robot, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-    """x_s^T K_a (1, n_q), by name k_... or km_..., of springs in series: the torque that each bears is this times q."""
-    rows: dict[str, ca.SX] = {}
-    for box in robot.gearboxes:
-        if box.is_in_series:
-            torques = ca.DM(box.X).T @ _series_stiffness(box, theta) @ ca.DM(gear_deflections(robot)[list(box.gears)])
-            rows |= dict(zip(box.springs, ca.vertsplit(torques), strict=True))
-    return rows
-
-
-def _series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
+def series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
     """K_a (n_g, n_g) of a gearbox, compliances added, on the deflections that its springs allow."""
     U = ca.sparsify(ca.DM(box.range))
     X = U.T @ ca.DM(box.X)
@@ -144,33 +117,16 @@ def _series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
     return U @ ca.inv(compliance) @ U.T
 
 
-def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), compliances added."""
-    X, to_q, K_a = ca.DM(box.X), ca.DM(delta), _series_stiffness(box, theta)
-    slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
-    losses = sum((slow * X[:, s] @ X[:, s].T for s, slow in enumerate(slowness)), start=ca.SX(0))
-    return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
+def rotors(
+    robot: Robot, theta: Mapping[str, ca.SX], q: ca.SX, v: ca.SX, angular_velocity: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """M (n_q, n_q) and Coriolis and centrifugal forces c (n_q,) of all rotors that have a carrier.
 
-
-def _direction(y: FloatArray) -> ca.DM:
-    """y y^T (n_q, n_q), sparse, of a direction y (n_q,) that has few entries."""
-    column = ca.sparsify(ca.DM(y))
-    return column @ column.T
-
-
-@dataclass(frozen=True)
-class Rotors:
-    """M (n_q, n_q) and Coriolis and centrifugal forces c (n_q,) of all rotors that have a carrier."""
-
-    M: ca.SX
-    c: ca.SX
-
-
-def rotors(robot: Robot, theta: Mapping[str, ca.SX], q: ca.SX, v: ca.SX, angular_velocity: ca.SX) -> Rotors:
-    """Of coordinates q and rates v (n_q,); angular_velocity (3 n_bodies, n_q): J v of the bodies in their own axes."""
+    q, v (n_q,): coordinates and rates.  angular_velocity (3 n_bodies, n_q): J v of the bodies in their own axes.
+    """
     n_q, bodies = v.size1(), [body.name for body in robot.bodies]
     rates, inertias = [], []
-    for joint, turning in zip(robot.driven, rotor_rates(robot), strict=True):
+    for joint, turning in zip(robot.driven, robot.eta @ input_matrix(robot).T, strict=True):
         motor = joint.motor
         if motor is None or motor.axis is None:
             continue
@@ -182,9 +138,9 @@ def rotors(robot: Robot, theta: Mapping[str, ca.SX], q: ca.SX, v: ca.SX, angular
         rates.append(Y)
         inertias.append(theta[f"Jm_{joint.name}"])
     if not rates:
-        return Rotors(ca.SX(n_q, n_q), ca.SX(n_q, 1))
+        return ca.SX(n_q, n_q), ca.SX(n_q, 1)
     Y, J = ca.sparsify(ca.vertcat(*rates)), ca.vertcat(*inertias)
-    return Rotors(Y.T @ ca.diag(J) @ Y, _coriolis(Y, J, q, v))
+    return Y.T @ ca.diag(J) @ Y, _coriolis(Y, J, q, v)
 
 
 def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:

@@ -21,7 +21,7 @@ Conventions, for all of `model`, `linear` and `simulation`:
 - lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
 - Reduced motor model (Spong): the rotor of a motor without a carrier turns about its own axis only; its inertial
   coupling S with the motion of the link that carries it, of relative size 1 / ratio, is left out. The carrier's mass
-  and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `motor_coupling`.
+  and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `drivetrain.rotors`.
 """
 
 from __future__ import annotations

@@ -14,10 +14,6 @@ singular: only on the null space of Phi is it regular. Minimal, eq. (2.34): inde
 Elastic rods are cut: they are force elements, and a loop that they close needs no constraint. Other loops are
 eliminated by the implicit function theorem, exactly, in the linear model and in the simulation; the dependent
 coordinates stay in q and are solved for, not integrated.
-
-.. math:: M(q)\, \ddot q + f(q, \dot q) = B u
-
-Niglis & Oberg (2015), eq. (2.10); the extended flexible joint of eq. (2.12) is a further joint with a spring.
 """
 
 from __future__ import annotations
@@ -28,10 +24,10 @@ from dataclasses import replace
 import casadi as ca
 
 from elastid.base.errors import StudyError
+from elastid.model.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
 from elastid.model.elastic import ElasticModel
+from elastid.model.loop_closure import closures, cut, elastic, stretching, with_rod_inertia
 from elastid.model.open_chain import by_name, elastic_model, open_chain
-from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
-from elastid.model.parallel_linkage.loop_closure import closures, cut, elastic, stretching, with_rod_inertia
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
 
@@ -87,7 +83,7 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     geometry: names of robot.geometry that are parameters of the model besides robot.parameters(); others do not count.
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
-    if refused := spec.loop_refusal(robot):
+    if robot.loops and (refused := spec.loop_refusal(robot)):
         raise StudyError(f"model.formulation: {refused}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)

@@ -15,7 +15,7 @@ that an expression holds the joints between them and no others.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.robot import BASE, Joint, Placement, Robot, unit_axis
+from elastid.robot import BASE, Joint, Robot, unit_axis
 
 # (3,), m: an array where all its coordinates are numbers, else a column of SX.
 Point: TypeAlias = Any
@@ -53,6 +53,15 @@ class Attachment:
     R: FloatArray
     p: Point
 
+    def placed(self, rotation: FloatArray, xyz: Point) -> Attachment:
+        """The seat at xyz (3,) and with a rotation (3, 3) in these axes."""
+        is_number = isinstance(self.p, np.ndarray) and isinstance(xyz, np.ndarray)
+        p = _clean(self.p + self.R @ xyz) if is_number else ca.SX(self.p) + ca.DM(self.R) @ xyz
+        return Attachment(self.frame, _clean(self.R @ rotation), p)
+
+
+ON_BASE = Attachment(-1, np.eye(3), np.zeros(3))
+
 
 @dataclass(frozen=True)
 class Tree:
@@ -69,19 +78,20 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     theta: names to symbols; coordinates among them are these symbols, all others numbers.
     """
     frames: list[BodyFrame] = []
-    seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
+    seats = {BASE: ON_BASE}
     for body in robot.all_bodies:
-        place = located(f"p_{body.name}", body.placement.xyz, theta)
-        seat = _placed(seats[body.parent], body.placement, place)
+        xyz = located(f"p_{body.name}", body.placement.xyz, theta)
+        seat = seats[body.parent].placed(body.placement.rotation, xyz)
         for joint in body.joints:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
-            frames.append(
-                BodyFrame(seat.frame, _clean(seat.R @ align), _beyond(seat.p, seat.R, point), axis, joint.slides)
-            )
-            seat = Attachment(len(frames) - 1, align.T, _beyond(np.zeros(3), -align.T, point))
-        seats[body.name] = _placed(seat, body.mounting)
-    named = tuple(_placed(seats[frame.body], frame.placement) for frame in robot.frames)
+            moved = seat.placed(align, point)
+            frames.append(BodyFrame(moved.frame, moved.R, moved.p, axis, joint.slides))
+            back = Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point)
+            seat = replace(back, R=align.T)
+        seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
+    placements = ((seats[frame.body], frame.placement) for frame in robot.frames)
+    named = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
     return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), named)
 
 
@@ -91,18 +101,6 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
     if not any(name in theta for name in names):
         return np.array(xyz, dtype=float)
     return ca.vertcat(*(theta.get(name, number) for name, number in zip(names, xyz, strict=True)))
-
-
-def _placed(parent: Attachment, placement: Placement, xyz: Point = None) -> Attachment:
-    place = np.array(placement.xyz) if xyz is None else xyz
-    return Attachment(parent.frame, _clean(parent.R @ placement.rotation), _beyond(parent.p, parent.R, place))
-
-
-def _beyond(p: Point, R: FloatArray, xyz: Point) -> Point:
-    """p + R xyz."""
-    if isinstance(p, np.ndarray) and isinstance(xyz, np.ndarray):
-        return _clean(p + R @ xyz)
-    return ca.SX(p) + ca.DM(R) @ xyz
 
 
 def _aligned(joint: Joint) -> tuple[int, FloatArray]:
@@ -123,6 +121,10 @@ def _clean(array: FloatArray) -> FloatArray:
     return np.where(np.abs(array - nearest) < 4 * np.finfo(float).eps, nearest, array)
 
 
+# The two axes that turn about each axis.
+PLANES = ((1, 2), (2, 0), (0, 1))
+
+
 @dataclass(frozen=True)
 class Turn:
     """A rotation about coordinate axis k by an angle of cosine c and sine s; i, j, k in cyclic order.
@@ -136,28 +138,23 @@ class Turn:
     s: ca.SX
     origin: ca.SX
 
-    @property
-    def plane(self) -> tuple[int, int]:
-        """The two axes that turn."""
-        return (self.k + 1) % 3, (self.k + 2) % 3
-
     def forth(self, v: ca.SX) -> ca.SX:
         """The vector v (3,) of the turned frame in the axes before the turn."""
-        i, j = self.plane
+        i, j = PLANES[self.k]
         w = ca.SX(v)
         w[i], w[j] = self.c * v[i] - self.s * v[j], self.s * v[i] + self.c * v[j]
         return w
 
     def back(self, v: ca.SX) -> ca.SX:
-        """The vector v (3,) of the frame before the turn in the turned axes."""
-        i, j = self.plane
+        """Vectors v (3, n) of the frame before the turn in the turned axes."""
+        i, j = PLANES[self.k]
         w = ca.SX(v)
-        w[i], w[j] = self.c * v[i] + self.s * v[j], self.c * v[j] - self.s * v[i]
+        w[i, :], w[j, :] = self.c * v[i, :] + self.s * v[j, :], self.c * v[j, :] - self.s * v[i, :]
         return w
 
     def tensor(self, T: ca.SX) -> ca.SX:
         """The symmetric tensor T (3, 3) of the turned frame in the axes before the turn, in 9 products."""
-        (i, j), k, c, s = self.plane, self.k, self.c, self.s
+        (i, j), k, c, s = PLANES[self.k], self.k, self.c, self.s
         u = s * (T[i, i] - T[j, j]) + c * (2 * T[i, j])
         W = ca.SX(T)
         W[i, i], W[j, j] = T[i, i] - s * u, T[j, j] + s * u
@@ -169,18 +166,17 @@ class Turn:
 
 def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
     """The turn of each joint at q (n,); shared by all terms, so that sine and cosine are taken once."""
-    return tuple(_turn(frame, q[i]) for i, frame in enumerate(layout.frames))
-
-
-def _turn(frame: BodyFrame, q: ca.SX) -> Turn:
-    if frame.slides:
-        return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
-    return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(frame.p))
+    return tuple(
+        Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q[i])
+        if frame.slides
+        else Turn(frame.axis, ca.cos(q[i]), ca.sin(q[i]), ca.SX(frame.p))
+        for i, frame in enumerate(layout.frames)
+    )
 
 
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
     """The seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
-    seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
+    seats = {BASE: ON_BASE}
     seats |= {part.name: place for part, place in zip(robot.all_bodies, layout.attachments, strict=True)}
     if body not in seats:
         raise KeyError(f"robot {robot.name} has no body {body}; there are {', '.join(seats)}")

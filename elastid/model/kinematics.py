@@ -1,4 +1,4 @@
-r"""Kinematics of many postures in NumPy: skeleton, frames, their Jacobians, and motions that no mass resists.
+r"""Kinematics of many postures in NumPy: skeleton, stick figure, frames, Jacobians, motions that no mass resists.
 
 .. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N], \qquad
           M = \sum_{bodies} m J_v^T J_v + J_\omega^T I_c J_\omega + \sum_{rigid\ gears} e J_m r^2 e^T
@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.frame_tree import Attachment, Tree, carriers, tree
-from elastid.model.parallel_linkage.closed_posture import followed, mechanism, rates
+from elastid.model.closed_posture import followed, mechanism, rates
+from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
 from elastid.robot import BASE, TOOL, Robot
 
 
@@ -51,7 +51,7 @@ def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[fl
     """The base first, then body by body, then the frames.  further: body name to points in the body's own axes."""
     points = [Knot("base", BASE, -1, np.zeros(3), -1)]
     origin = {BASE: 0}
-    points += _points(Attachment(-1, np.eye(3), np.zeros(3)), BASE, 0, further)
+    points += _points(ON_BASE, BASE, 0, further)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         # A body's joints start from one origin, but for those at a point of their own.
         first = seat.frame - len(body.joints) + 1
@@ -102,9 +102,7 @@ class Poses:
 
 def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
-    layout = tree(robot)
-    seat = _seat(robot, layout, frame)
-    R, p = frames(layout, np.asarray(q, dtype=float))
+    _, seat, R, p = _seated(robot, q, frame)
     turned = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
     return Poses(placed(R, p, seat.frame, seat.p, len(q)), turned @ seat.R)
 
@@ -114,18 +112,17 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
 
     Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
     """
-    layout = tree(robot)
-    seat = _seat(robot, layout, frame)
-    R, p = frames(layout, np.asarray(q, dtype=float))
+    layout, seat, R, p = _seated(robot, q, frame)
     return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, seat.p, len(q)))
 
 
-def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
+def _seated(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, list[FloatArray], list[FloatArray]]:
+    layout = tree(robot)
     seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
     seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}
     if name not in seats:
         raise StudyError(f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}")
-    return seats[name]
+    return layout, seats[name], *frames(layout, np.asarray(q, dtype=float))
 
 
 def point_jacobians(
@@ -245,3 +242,54 @@ def _rotor(robot: Robot, i: int) -> float:
     """The inertia of a joint's rotor, link side; 0 behind a spring, where it moves by itself."""
     joint = robot.joints[i]
     return 0.0 if joint.motor is None or joint in robot.flexible else joint.motor.inertia * joint.motor.ratio**2
+
+
+StickKind: TypeAlias = Literal["arm", "mass", "strut"]
+
+
+@dataclass(frozen=True, eq=False)
+class StickFigure:
+    """points (n, 3) in the base frame, m; jacobian (n, 3, n_l): their velocities per rate of each joint.
+
+    links: pairs of points and the kind of link: an arm, the way to a centre of mass where the arm ends, or a rod
+    or strut between two bodies.  joints: the points that are joints.
+    """
+
+    points: FloatArray
+    jacobian: FloatArray
+    links: tuple[tuple[int, int, StickKind], ...]
+    joints: tuple[int, ...]
+
+
+def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
+    """The sticks at positions q (n_l,) of all joints."""
+    layout = tree(robot)
+    anchors, ends = _anchors(robot)
+    # Centres of mass only where nothing else shows how far a body reaches.
+    carrying = {body.parent for body in robot.all_bodies} | {frame.body for frame in robot.frames}
+    every = knots(robot, layout, anchors)
+    shown = [i for i, knot in enumerate(every) if knot.kind != "center of mass" or knot.owner not in carrying]
+    visible = [every[i] for i in shown]
+    R, p = frames(layout, np.asarray(q, dtype=float)[None])
+    points = [placed(R, p, knot.frame, knot.local, 1) for knot in visible]
+    J = [point_jacobians(layout, R, p, knot.frame, point) for knot, point in zip(visible, points, strict=True)]
+    links: list[tuple[int, int, StickKind]] = [
+        (shown.index(knot.behind), i, "mass" if knot.kind == "center of mass" else "arm")
+        for i, knot in enumerate(visible)
+        if knot.behind >= 0
+    ]
+    number = {(knot.owner, knot.number): i for i, knot in enumerate(visible) if knot.kind == "point"}
+    links += [(number[first], number[second], "strut") for first, second in ends]
+    joints = tuple(i for i, knot in enumerate(visible) if knot.kind == "joint")
+    return StickFigure(np.concatenate(points), np.concatenate(J)[:, :3], tuple(links), joints)
+
+
+def _anchors(robot: Robot) -> tuple[dict[str, list[Sequence[float]]], list[tuple[tuple[str, int], ...]]]:
+    """Points of bodies that loops and compensators end on; of each of these its two ends: body, number of its point."""
+    anchors: dict[str, list[Sequence[float]]] = {}
+    pairs = []
+    for ends in (*(loop.ends for loop in robot.loops), *(compensator.ends for compensator in robot.compensators)):
+        for end in ends:
+            anchors.setdefault(end.body, []).append(end.point)
+        pairs.append(tuple((end.body, len(anchors[end.body])) for end in ends))
+    return anchors, pairs

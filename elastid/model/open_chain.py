@@ -17,20 +17,11 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows, rotors
+from elastid.model.drivetrain import drivetrain, gear_deflections, input_matrix, rotors
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import tree, turns
-from elastid.model.rigid_body import (
-    angular_velocities,
-    bias,
-    composites,
-    frame_velocities,
-    gravity_in_frames,
-    inertias,
-    mass_matrix,
-    rates,
-)
-from elastid.model.springs import Strain, compensators, nonlinear_springs, strains_of_joints
+from elastid.model.rigid_body import bias, composites, inertias, mass_matrix, seen_from_frames
+from elastid.model.springs import Strain, compensators, joint_springs
 from elastid.robot import Robot
 
 
@@ -74,38 +65,35 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
     named = dict(zip(table, ca.vertsplit(theta), strict=True))
 
-    gravity = np.array(robot.gravity)
+    gravity, none = np.array(robot.gravity), ca.SX(n_q - n_l, 1)
     layout = tree(robot, named)
     turned = turns(layout, q[:n_l])
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
-    drive = drivetrain(robot, named)
-    moving = rates(layout, turned)
-    J = ca.vertcat(angular_velocities(layout, moving), frame_velocities(layout, moving))
-    V_hard, f_hard = nonlinear_springs(robot, q, named)
-    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    J, gravity_seen = seen_from_frames(robot, layout, turned)
     J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
-    carried_rotors = rotors(robot, named, q, v, J)
+    delta, (M_drive, D, K) = gear_deflections(robot), drivetrain(robot, named)
+    rigid = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
+    M_carried, c_carried = rotors(robot, named, q, v, J)
+    V_hard, f_hard, strains = joint_springs(robot, q, named)
+    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
+    f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
     return Equations(
         coordinates=coordinates,
         parameters=tuple(table),
         q=q,
         v=v,
         theta=theta,
-        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M + carried_rotors.M,
-        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
-        + carried_rotors.c
-        + drive.K @ q
-        + drive.D @ v
-        + f_hard
-        + f_balance,
-        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
-        D=drive.D,
-        phi=ca.sparsify(ca.DM(rigid_rows(robot))) @ q,
+        M=M_bodies + M_drive + M_carried,
+        f=f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance,
+        V=q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
+        D=D,
+        phi=ca.sparsify(ca.DM(np.vstack([np.zeros((0, n_q)), *rigid]))) @ q,
         J=J,
-        gravity=gravity_in_frames(layout, turned, gravity),
+        gravity=gravity_seen,
         B=input_matrix(robot),
-        strains=strains_of_joints(robot, q, named),
+        strains=strains,
     )
 
 
@@ -148,13 +136,30 @@ def with_energies(equations: Equations, V: ca.SX, D: ca.SX) -> Equations:
 def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
     """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
     table = robot.parameters(equations.parameters)
-    # c (n_s,) and b (n_s, n_q) of all springs.
+    q, V, n_b = equations.q, equations.V, 3 * len(robot.all_bodies)
+    lambda_ = ca.SX.sym("lambda", equations.phi.size1())
+    symbols = {"q": q, "v": equations.v, "lambda_": lambda_, "theta": equations.theta}
+    K = ca.hessian(V + ca.dot(lambda_, equations.phi), q)[0]
     stiffness = ca.vertcat(ca.SX(0, 1), *(strain.stiffness for strain in equations.strains))
     deflection = ca.vertcat(ca.SX(0, 1), *(strain.deflection for strain in equations.strains))
-    strain = {"c": stiffness, "b": ca.jacobian(deflection, equations.q)}
-    q, v, theta = equations.q, equations.v, equations.theta
-    lambda_, turning = ca.SX.sym("lambda", equations.phi.size1()), 3 * len(robot.all_bodies)
-    K = ca.hessian(equations.V + ca.dot(lambda_, equations.phi), q)[0]
+    terms: dict[str, tuple[tuple[str, ...], dict[str, ca.SX]]] = {
+        "mass": (("q", "theta"), {"M": equations.M}),
+        "force": (("q", "v", "theta"), {"f": equations.f}),
+        "constraint": (("q", "theta"), {"phi": equations.phi}),
+        "damping": (("q", "theta"), {"D": equations.D}),
+        "stiffness": (("q", "lambda_", "theta"), {"K": K}),
+        "potential_gradient": (("q", "theta"), {"g": ca.gradient(V, q)}),
+        "potential": (("q", "theta"), {"V": V}),
+        "constraint_jacobian": (("q", "theta"), {"Phi": ca.jacobian(equations.phi, q)}),
+        "angular_velocity": (("q",), {"J": equations.J[:n_b, :]}),
+        "frame_velocity": (("q", "theta"), {"J": equations.J[n_b:, :]}),
+        "frame_gravity": (("q",), {"g": equations.gravity}),
+        "strain": (("q", "theta"), {"c": stiffness, "b": ca.jacobian(deflection, q)}),
+    }
+    functions = {
+        name: ca.Function(name, [symbols[symbol] for symbol in given], [*results.values()], [*given], [*results])
+        for name, (given, results) in terms.items()
+    }
     return ElasticModel(
         robot=robot,
         coordinates=equations.coordinates,
@@ -162,26 +167,7 @@ def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ..
         parameters=tuple(table),
         theta=np.array([value for value, _ in table.values()]),
         B=equations.B,
-        mass=_function("mass", {"q": q, "theta": theta}, {"M": equations.M}),
-        force=_function("force", {"q": q, "v": v, "theta": theta}, {"f": equations.f}),
-        constraint=_function("constraint", {"q": q, "theta": theta}, {"phi": equations.phi}),
-        damping=_function("damping", {"q": q, "theta": theta}, {"D": equations.D}),
-        stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
-        potential_gradient=_function(
-            "potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(equations.V, q)}
-        ),
-        potential=_function("potential", {"q": q, "theta": theta}, {"V": equations.V}),
-        constraint_jacobian=_function(
-            "constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(equations.phi, q)}
-        ),
         independent=independent,
-        angular_velocity=_function("angular_velocity", {"q": q}, {"J": equations.J[:turning, :]}),
-        frame_velocity=_function("frame_velocity", {"q": q, "theta": theta}, {"J": equations.J[turning:, :]}),
-        frame_gravity=_function("frame_gravity", {"q": q}, {"g": equations.gravity}),
         springs=tuple(strain.spring for strain in equations.strains),
-        strain=_function("strain", {"q": q, "theta": theta}, strain),
+        **functions,
     )
-
-
-def _function(name: str, arguments: dict[str, ca.SX], value: dict[str, ca.SX]) -> ca.Function:
-    return ca.Function(name, [*arguments.values()], [*value.values()], [*arguments], [*value])

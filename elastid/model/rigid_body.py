@@ -4,18 +4,8 @@ r"""Rigid bodies as a tree: velocities, mass matrix, bias forces, and torques of
 
 Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Recursions in joint frames: M by composite rigid bodies, c + g by
 Newton-Euler (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), on 3-vectors. M is linear in masses
-and inertias, g in masses. An elastic joint is a joint like any other here.
-
-.. math:: M(q) \ddot q + c(q, \dot q) + g(q) = \tau
-
-Niglis & Oberg (2015), eq. (2.7). Recursions in joint frames: M by composite rigid bodies, c + g by Newton-Euler
-(Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), on 3-vectors. M is linear in masses and
-inertias, g in masses.
-
-.. math:: \tau = M(q)\, a + c(q, v) + g(q), \qquad \tau_{ext} = J(q)^T w
-
-Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Springs, dampers, friction and rotors are left out; an elastic joint
-is a joint like any other here.
+and inertias, g in masses. Springs, dampers, friction and rotors are left out; an elastic joint is a joint like any
+other here.
 """
 
 from __future__ import annotations
@@ -29,8 +19,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.frame_tree import Attachment, BodyFrame, Tree, Turn, carriers, tree, turns
-from elastid.robot import Body, Robot
+from elastid.model.frame_tree import BodyFrame, Tree, Turn, carriers, tree, turns
+from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -45,50 +35,43 @@ class BodyInertia:
         return BodyInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
 
+NOTHING = BodyInertia(ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3))
+# Where xx, yy, zz, xy, xz, yz stand in a symmetric tensor.
+TENSOR = [0, 3, 4, 3, 1, 5, 4, 5, 2]
+# The coordinate axes (3, 1).
+UNIT = tuple(ca.DM(axis) for axis in np.eye(3))
+
+
 def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[BodyInertia, ...]:
     """The inertia that each frame carries, summed over its bodies, as symbols of theta; not that fixed to the base."""
-    carried = [_nothing() for _ in layout.frames]
+    carried = [NOTHING] * len(layout.frames)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
-        if seat.frame >= 0:
-            carried[seat.frame] += _inertia(body, seat, theta)
+        if seat.frame < 0:
+            continue
+        m = theta[f"m_{body.name}"]
+        c = seat.p + ca.DM(seat.R) @ ca.vertcat(*(theta[f"c_{body.name}_{a}"] for a in "xyz"))
+        entries = [theta[f"I_{body.name}{suffix}"] for suffix in body.inertia_entries]
+        tensor = [*(entries * 3 if len(entries) == 1 else entries), ca.SX(0), ca.SX(0), ca.SX(0)][:6]
+        about_com = ca.reshape(ca.vertcat(*tensor)[TENSOR], 3, 3)
+        h = m * c
+        steiner = ca.dot(c, h) * ca.DM.eye(3) - h @ c.T
+        carried[seat.frame] += BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
     return tuple(carried)
-
-
-def _nothing() -> BodyInertia:
-    return BodyInertia(ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3))
-
-
-def _inertia(body: Body, seat: Attachment, theta: Mapping[str, ca.SX]) -> BodyInertia:
-    m = theta[f"m_{body.name}"]
-    c = seat.p + ca.DM(seat.R) @ ca.vertcat(*(theta[f"c_{body.name}_{a}"] for a in "xyz"))
-    xx, yy, zz, xy, xz, yz = _tensor(body, theta)
-    about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
-    h = m * c
-    steiner = ca.dot(c, h) * ca.DM.eye(3) - h @ c.T
-    return BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
-
-
-def _tensor(body: Body, theta: Mapping[str, ca.SX]) -> list[ca.SX]:
-    entries = [theta[f"I_{body.name}{suffix}"] for suffix in body.inertia_entries]
-    return (entries * 3 if len(entries) == 1 else entries) + [ca.SX(0)] * (6 - max(3, len(entries)))
 
 
 def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
     """The inertia that each joint moves, in its own frame; last, that of the robot about the base's origin."""
-    total = [*carried, _nothing()]
+    total = [*carried, NOTHING]
     for i in reversed(range(len(layout.frames))):
-        total[layout.frames[i].parent] += _seen_from_parent(total[i], layout.frames[i], turned[i])
+        body, frame, p = total[i], layout.frames[i], turned[i].origin
+        R = ca.DM(frame.R)
+        h, tensor = R @ turned[i].forth(body.h), R @ turned[i].tensor(body.I) @ R.T
+        # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
+        g = 2 * h + body.m * p
+        product = p @ g.T
+        tensor += ca.trace(product) * ca.DM.eye(3) - (product + product.T) / 2
+        total[frame.parent] += BodyInertia(body.m, h + body.m * p, tensor)
     return tuple(total)
-
-
-def _seen_from_parent(body: BodyInertia, frame: BodyFrame, turn: Turn) -> BodyInertia:
-    R, p = ca.DM(frame.R), turn.origin
-    h, tensor = R @ turn.forth(body.h), R @ turn.tensor(body.I) @ R.T
-    # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
-    g = 2 * h + body.m * p
-    product = p @ g.T
-    tensor += ca.trace(product) * ca.DM.eye(3) - (product + product.T) / 2
-    return BodyInertia(body.m, h + body.m * p, tensor)
 
 
 def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
@@ -96,21 +79,17 @@ def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], turned: tuple[
     n = len(layout.frames)
     M = ca.SX(n, n)
     for i, frame in enumerate(layout.frames):
-        angular, linear = composite[i].I[:, frame.axis], ca.cross(_unit(frame.axis), composite[i].h)
+        angular, linear = composite[i].I[:, frame.axis], ca.cross(UNIT[frame.axis], composite[i].h)
         if frame.slides:
-            angular, linear = -linear, composite[i].m * _unit(frame.axis)
-        M[i, i] = _along(frame, angular, linear)
+            angular, linear = -linear, composite[i].m * UNIT[frame.axis]
+        M[i, i] = linear[frame.axis] if frame.slides else angular[frame.axis]
         child, j = i, frame.parent
         while j >= 0:
             angular, linear = _force_on_parent(angular, linear, layout.frames[child], turned[child])
-            M[i, j] = M[j, i] = _along(layout.frames[j], angular, linear)
-            child, j = j, layout.frames[j].parent
+            carrier = layout.frames[j]
+            M[i, j] = M[j, i] = linear[carrier.axis] if carrier.slides else angular[carrier.axis]
+            child, j = j, carrier.parent
     return M
-
-
-def _along(frame: BodyFrame, moment: ca.SX, force: ca.SX) -> ca.SX:
-    """The part of a moment (3,) about a frame's origin and of a force (3,) that its joint bears."""
-    return force[frame.axis] if frame.slides else moment[frame.axis]
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
@@ -134,25 +113,22 @@ def bias(
     Newton-Euler, the base accelerated by -gravity. U = [alpha x] + [omega x]^2 gives the acceleration
     a + U r of a point r of a body; with S the second moments of its mass, the moment of U r is the axis of U S - S U^T.
     """
-    still, rising = ca.SX.zeros(3), ca.SX(-ca.DM(gravity))
-    motion: list[tuple[ca.SX, ca.SX, ca.SX]] = []  # omega, a, U of each frame
+    zero = ca.SX.zeros(3)
+    still = zero, zero, ca.SX(-ca.DM(gravity)), ca.SX.zeros(3, 3)
+    motion: list[tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = []  # omega, alpha, a, U of each frame
     moments, forces = [], []
-    alphas: list[ca.SX] = []
     for i, (frame, turn, body) in enumerate(zip(layout.frames, turned, carried, strict=True)):
-        omega, a, U = motion[frame.parent] if frame.parent >= 0 else (still, rising, ca.SX.zeros(3, 3))
-        alpha = alphas[frame.parent] if frame.parent >= 0 else still
-        R = ca.DM(frame.R.T)
+        (omega, alpha, a, U), R = motion[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         a = turn.back(R @ (a + U @ turn.origin))
         omega, alpha = turn.back(R @ omega), turn.back(R @ alpha)
-        rate, gain = _unit(frame.axis) * v[i], _unit(frame.axis) * (0 if acceleration is None else acceleration[i])
+        rate, gain = UNIT[frame.axis] * v[i], UNIT[frame.axis] * (0 if acceleration is None else acceleration[i])
         if frame.slides:
             a = a + 2 * ca.cross(omega, rate) + gain
         else:
             alpha = alpha + ca.cross(omega, rate) + gain
             omega = omega + rate
         U = ca.skew(alpha) + omega @ omega.T - ca.sumsqr(omega) * ca.DM.eye(3)
-        motion.append((omega, a, U))
-        alphas.append(alpha)
+        motion.append((omega, alpha, a, U))
         S = ca.trace(body.I) / 2 * ca.DM.eye(3) - body.I
         moments.append(ca.cross(body.h, a) + ca.inv_skew(U @ S - (U @ S).T))
         forces.append(body.m * a + U @ body.h)
@@ -161,69 +137,36 @@ def bias(
         if parent >= 0:
             moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], turned[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
-    return ca.vertcat(*map(_along, layout.frames, moments, forces))
+    parts = zip(layout.frames, forces, moments, strict=True)
+    return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
 
 
-def _unit(axis: int) -> ca.DM:
-    return ca.DM(np.eye(3)[axis])
+def seen_from_frames(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
+    """J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
 
-
-@dataclass(frozen=True)
-class Rates:
-    """Jacobians (3, n) of a frame: its angular velocity and the velocity of its origin, in its own axes."""
-
-    angular: ca.SX
-    linear: ca.SX
-
-    def seated(self, seat: Attachment) -> Rates:
-        """Those of axes fixed in the frame at a seat."""
-        R = ca.DM(seat.R.T)
-        across = ca.DM(_skew(seat.p)) if isinstance(seat.p, np.ndarray) else ca.skew(seat.p)
-        return Rates(R @ self.angular, R @ (self.linear - across @ self.angular))
-
-
-def rates(layout: Tree, turned: tuple[Turn, ...]) -> tuple[Rates, ...]:
-    """The Jacobians of every joint's frame; last, of the base, which does not move."""
-    n = len(layout.frames)
-    still = Rates(ca.SX(3, n), ca.SX(3, n))
-    moving: list[Rates] = []
+    J v stacks the absolute angular velocity of each body, then velocity of the origin and angular velocity of each
+    named frame, each in its own axes.
+    """
+    n, gravity = len(layout.frames), ca.SX(ca.DM(np.array(robot.gravity)))
+    still = ca.SX(3, n), ca.SX(3, n), gravity
+    # Angular velocity, velocity of the origin and gravity in each joint's frame; last, in the base.
+    seen: list[tuple[ca.SX, ca.SX, ca.SX]] = []
     for i, (frame, turn) in enumerate(zip(layout.frames, turned, strict=True)):
-        below, R = moving[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
-        angular = _back(turn, R @ below.angular)
-        linear = _back(turn, R @ (below.linear - ca.skew(turn.origin) @ below.angular))
+        (angular, linear, g), R = seen[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
+        linear = turn.back(ca.densify(R @ (linear - ca.skew(turn.origin) @ angular)))
+        angular = turn.back(ca.densify(R @ angular))
         moved = linear if frame.slides else angular
         moved[frame.axis, i] += 1
-        moving.append(Rates(angular, linear))
-    return (*moving, still)
-
-
-def _back(turn: Turn, J: ca.SX) -> ca.SX:
-    return ca.horzcat(*(turn.back(ca.densify(J[:, j])) for j in range(J.size2())))
-
-
-def angular_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
-    """J (3 n_bodies, n): J v stacks the absolute angular velocity of each body, in the body's own axes."""
-    return ca.vertcat(*(moving[seat.frame].seated(seat).angular for seat in layout.attachments))
-
-
-def frame_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
-    """J (6 n_f, n): J v stacks velocity of the origin and angular velocity of each named frame, in its own axes."""
-    velocities = [moving[seat.frame].seated(seat) for seat in layout.named]
-    return ca.vertcat(ca.SX(0, len(layout.frames)), *(part for J in velocities for part in (J.linear, J.angular)))
-
-
-def gravity_in_frames(layout: Tree, turned: tuple[Turn, ...], gravity: FloatArray) -> ca.SX:
-    """Gravity (3 n_f,) in the axes of each named frame."""
-    g: list[ca.SX] = []
-    for frame, turn in zip(layout.frames, turned, strict=True):
-        above = g[frame.parent] if frame.parent >= 0 else ca.SX(ca.DM(gravity))
-        g.append(turn.back(ca.DM(frame.R.T) @ above))
-    g.append(ca.SX(ca.DM(gravity)))
-    return ca.vertcat(ca.SX(0, 1), *(ca.DM(seat.R.T) @ g[seat.frame] for seat in layout.named))
-
-
-def _skew(p: FloatArray) -> FloatArray:
-    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
+        seen.append((angular, linear, turn.back(R @ g)))
+    seen.append(still)
+    turning = [ca.DM(seat.R.T) @ seen[seat.frame][0] for seat in layout.attachments]
+    moving, falling = [], []
+    for seat in layout.named:
+        (angular, linear, g), R = seen[seat.frame], ca.DM(seat.R.T)
+        across = ca.skew(ca.DM(seat.p) if isinstance(seat.p, np.ndarray) else seat.p)
+        moving += [R @ (linear - across @ angular), R @ angular]
+        falling.append(R @ g)
+    return ca.vertcat(*turning, *moving), ca.vertcat(ca.SX(0, 1), *falling)
 
 
 def inverse_dynamics(robot: Robot) -> ca.Function:
@@ -254,7 +197,7 @@ def regressor(robot: Robot) -> ca.Function:
     pi = ca.SX.sym("pi", 10, n)
     carried = []
     for m, hx, hy, hz, xx, yy, zz, xy, xz, yz in (ca.vertsplit(column) for column in ca.horzsplit(pi)):
-        tensor = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+        tensor = ca.reshape(ca.vertcat(xx, yy, zz, xy, xz, yz)[TENSOR], 3, 3)
         carried.append(BodyInertia(m, ca.vertcat(hx, hy, hz), tensor))
     layout = tree(robot)
     tau = bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
@@ -273,8 +216,8 @@ def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "
     q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
     layout = tree(robot)
     turned = turns(layout, q)
-    row = 6 * names.index(frame)
-    J = frame_velocities(layout, rates(layout, turned))[row : row + 6, :]
+    row = 3 * len(robot.all_bodies) + 6 * names.index(frame)
+    J = seen_from_frames(robot, layout, turned)[0][row : row + 6, :]
     seat = layout.named[names.index(frame)]
 
     def own(vector: ca.SX) -> ca.SX:

@@ -34,7 +34,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.drivetrain import series_torques, spring_deflections
+from elastid.model.drivetrain import gear_deflections, series_stiffness, spring_deflections
 from elastid.model.frame_tree import Tree, Turn, between, located, seat
 from elastid.robot import Compensator, Robot
 
@@ -51,19 +51,6 @@ def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
         for i, joint in enumerate(robot.joints)
         if joint.spring is not None and (not joint.is_flexible or f"k_{joint.name}" in gears)
     }
-
-
-def nonlinear_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """V, a scalar, and dV/dq (n_q, 1) beyond the linear springs; theta maps the robot's names to symbols."""
-    V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
-    deflection = deflections(robot, q)
-    for joint in robot.joints:
-        if joint.spring is not None and not joint.spring.is_linear:
-            x = deflection[joint.name]
-            energy, torque = _beyond_linear(joint.name, x, theta)
-            V += energy
-            gradient += torque * ca.jacobian(x, q).T
-    return V, gradient
 
 
 def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
@@ -113,14 +100,31 @@ class Strain:
     deflection: ca.SX
 
 
-def strains_of_joints(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[Strain, ...]:
-    """The springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols."""
+def joint_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, tuple[Strain, ...]]:
+    """The springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols.
+
+    V, a scalar, and dV/dq (n_q, 1) beyond the linear springs, and the strain of every spring.
+    """
+    V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
     deflection, shafts = deflections(robot, q), spring_deflections(robot)
+    for joint in robot.joints:
+        if joint.spring is not None and not joint.spring.is_linear:
+            x = deflection[joint.name]
+            energy, torque = _beyond_linear(joint.name, x, theta)
+            V += energy
+            gradient += torque * ca.jacobian(x, q).T
     tangent = tangents(deflection, theta)
-    terms = [Strain(f"k_{joint}", tangent[joint], x) for joint, x in deflection.items()]
-    terms += [Strain(name, theta[name], ca.DM(z).T @ q) for name, z in shafts.items() if name.startswith("km_")]
-    series = series_torques(robot, theta)
-    return (*terms, *(Strain(name, 1 / theta[name], torque @ q) for name, torque in series.items()))
+    strains = [Strain(f"k_{joint}", tangent[joint], x) for joint, x in deflection.items()]
+    strains += [Strain(name, theta[name], ca.DM(z).T @ q) for name, z in shafts.items() if name.startswith("km_")]
+    for box in robot.gearboxes:
+        if box.is_in_series:
+            delta = ca.DM(gear_deflections(robot)[list(box.gears)])
+            # x_s^T K_a (n_s, n_q): each spring bears this times q.
+            torques = ca.vertsplit(ca.DM(box.X).T @ series_stiffness(box, theta) @ delta)
+            strains += [
+                Strain(name, 1 / theta[name], torque @ q) for name, torque in zip(box.springs, torques, strict=True)
+            ]
+    return V, gradient, tuple(strains)
 
 
 # Nodes of Gauss and Legendre for the gas: exact to 1e-14 for columns that change by a factor of 5.

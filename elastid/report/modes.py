@@ -8,7 +8,7 @@ from dataclasses import field
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.model.stick_figure import StickFigure, StickKind
+from elastid.model.kinematics import StickFigure, StickKind
 from elastid.robot import Body, Joint, Robot, unit_axis
 
 # Displacement of the point that moves furthest, in sizes of the robot.

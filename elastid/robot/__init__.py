@@ -43,49 +43,16 @@ from elastid.robot.friction import (
 )
 from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
-from elastid.robot.joint import Joint, Limits
+from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
-from elastid.robot.motor import Motor
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.spring import Spring
 
 __all__ = [
-    "BASE",
-    "FRAME_AXES",
-    "TOOL",
-    "Acceleration3",
-    "Anchor",
-    "Angles3",
-    "Axis",
-    "Body",
-    "Chain",
-    "ChannelGain",
-    "CoilSpring",
-    "Compensator",
-    "Directions",
-    "Frame",
-    "Friction",
-    "GasSpring",
-    "GearCoupling",
-    "InertiaTensor",
-    "Joint",
-    "Limits",
-    "LoadDependence",
-    "Loop",
-    "LuGre",
-    "MaxwellSlip",
-    "MeasuredRange",
-    "Motor",
-    "Payload",
-    "Pin",
-    "Placement",
-    "Robot",
-    "Rod",
-    "Spring",
-    "TemperatureDependence",
-    "Vector3",
-    "gain_name",
-    "unit_axis",
-]
+    "BASE", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body", "Chain", "ChannelGain",
+    "CoilSpring", "Compensator", "Directions", "Frame", "Friction", "GasSpring", "GearCoupling", "InertiaTensor",
+    "Joint", "Limits", "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin",
+    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Vector3", "gain_name", "unit_axis",
+]  # fmt: skip

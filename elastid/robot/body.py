@@ -12,8 +12,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
-from elastid.robot.named_numbers import Numbers, coordinates
-from elastid.robot.placement import Placement, Vector3
+from elastid.robot.placement import Numbers, Placement, Vector3, coordinates
 
 InertiaTensor: TypeAlias = (
     Inertia | tuple[Inertia, Inertia, Inertia] | tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]
@@ -24,6 +23,12 @@ PAYLOAD = "payload"
 # The frame that a payload is fixed to unless said otherwise; its Jacobian shows singular postures.
 TOOL = "tool"
 TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, float]:
+    """xx, yy, zz, xy, xz, yz of a symmetric tensor (3, 3)."""
+    xx, yy, zz, xy, xz, yz = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+    return xx, yy, zz, xy, xz, yz
 
 
 @section

@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.names import Name, OptionalName
 from elastid.base.section import Key, section
 from elastid.base.units import Angle, Length, Mass
-from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
+from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload, six_numbers
 from elastid.robot.joint import Joint
 from elastid.robot.placement import Acceleration3, Placement, Vector3
 from elastid.robot.robot import Robot
@@ -128,13 +128,10 @@ class DenavitHartenberg:
             return link.inertia
         c = np.array(link.center_of_mass)
         about_origin = Body(link.body_name, inertia=link.inertia).inertia_matrix
-        tensor = about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        xx, yy, zz, xy, xz, yz = (float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-        return xx, yy, zz, xy, xz, yz
+        return six_numbers(about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
 def _chained(*placements: Placement) -> Placement:
-    """The placements one after the other."""
     R, p = np.eye(3), np.zeros(3)
     for placement in placements:
         R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)

@@ -23,6 +23,7 @@ from elastid.base.units import (
     TemperatureRise,
     of_translation,
 )
+from elastid.robot.placement import require_not_negative, require_positive
 
 
 @section
@@ -83,18 +84,6 @@ class MaxwellSlip:
         require_positive("maxwell_slip: attraction (C)", self.attraction)
         if abs(sum(self.shares) - 1) > 1e-6:
             raise ValueError(f"maxwell_slip: the shares sum to {sum(self.shares):.6g}; they must sum to 1")
-
-
-def require_positive(name: str, value: float) -> None:
-    """ValueError for a number that is not above zero."""
-    if not value > 0:
-        raise ValueError(f"{name} is {value:g}; it must be positive")
-
-
-def require_not_negative(name: str, value: float) -> None:
-    """ValueError for a negative number."""
-    if value < 0:
-        raise ValueError(f"{name} is {value:g}; it must not be negative")
 
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
@@ -278,9 +267,8 @@ class Friction:
     def has_variable_stiction(self) -> bool:
         """True if load or temperature change F_s by other amounts than F_c, over nu_s."""
         load, temperature = self.load, self.temperature
-        if load is not None and load.stribeck_velocity is None and load.of_stiction != load.coulomb:
-            return True
-        return temperature is not None and temperature.stiction != 0
+        by_load = load is not None and load.stribeck_velocity is None and load.of_stiction != load.coulomb
+        return by_load or (temperature is not None and temperature.stiction != 0)
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
         """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).

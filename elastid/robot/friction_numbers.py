@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import of_translation
 from elastid.robot.friction import Friction
 from elastid.robot.joint import Joint
-from elastid.robot.named_numbers import Path, number_at, replaced
+from elastid.robot.placement import Path, number_at, replaced
 from elastid.robot.robot import Robot
 
 

@@ -54,9 +54,8 @@ class GearCoupling:
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:
     """E (n_u, n_u) = diag(ratio)^-1 eta, the identity without couplings.  only: those with springs before or after."""
-    names = [joint.name for joint in driven]
     ratio = {joint.name: joint.motor.ratio for joint in driven if joint.motor is not None}
-    E = np.eye(len(names))
+    names, E = list(ratio), np.eye(len(ratio))
     for gear in gears:
         if only in ("", gear.springs):
             E[names.index(gear.motor), names.index(gear.joint)] = gear.ratio / ratio[gear.motor]
@@ -69,7 +68,8 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
     directions: dict[str, FloatArray] = {}
-    after, total = _inverse(mixing(driven, gears, only="before")), _inverse(mixing(driven, gears))
+    # Exactly zero between axes that are not coupled.
+    after, total = (_without_rounding(np.linalg.inv(mixing(driven, gears, only))) for only in ("before", ""))
     for i, joint in enumerate(driven):
         if joint.spring is not None:
             directions[f"k_{joint.name}"] = after[:, i]
@@ -150,13 +150,7 @@ def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
             )
 
 
-def _inverse(E: FloatArray) -> FloatArray:
-    """E^-1, exactly zero between axes that are not coupled."""
-    return _without_rounding(np.linalg.inv(E))
-
-
 def _without_rounding(matrix: NDArray[Any]) -> FloatArray:
-    """The matrix with the rounding residue of zeros set to zero."""
     return np.where(np.abs(matrix) < 1e-12 * np.abs(matrix).max(initial=0.0), 0.0, matrix)
 
 

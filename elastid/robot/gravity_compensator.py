@@ -16,8 +16,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
-from elastid.robot.named_numbers import Numbers, below, coordinates
-from elastid.robot.placement import Vector3
+from elastid.robot.placement import Numbers, Vector3, below, ends_of, require_not_negative, require_positive
 
 
 @section
@@ -46,10 +45,8 @@ class CoilSpring:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no coil can have."""
-        if not self.stiffness > 0:
-            raise ValueError(f"stiffness is {self.stiffness:g} N/m; it must be positive")
-        if self.rest_length < 0:
-            raise ValueError(f"rest_length is {self.rest_length:g} m; it must not be negative")
+        require_positive("stiffness", self.stiffness, " N/m")
+        require_not_negative("rest_length", self.rest_length, " m")
 
     def numbers(self, name: str) -> Numbers:
         """kc_ and L0_ of a compensator."""
@@ -75,9 +72,8 @@ class GasSpring:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no gas spring can have."""
-        for name, unit in (("force", "N"), ("length", "m"), ("column", "m")):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name):g} {unit}; it must be positive")
+        for name, unit in (("force", " N"), ("length", " m"), ("column", " m")):
+            require_positive(name, getattr(self, name), unit)
         if not 1 <= self.kappa <= 2:
             raise ValueError(f"kappa is {self.kappa:g}; it is 1 (isothermal) to 1.4 (adiabatic, nitrogen) or 1.67")
 
@@ -127,5 +123,4 @@ class Compensator:
     @property
     def geometry(self) -> Numbers:
         """pc1_ and pc2_: where its ends are on their bodies."""
-        first, second = (coordinates(f"pc{i + 1}_{self.name}", ("ends", i, "point")) for i in (0, 1))
-        return first | second
+        return ends_of("pc", self.name)

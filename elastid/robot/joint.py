@@ -1,4 +1,4 @@
-"""A joint between two bodies, and its limits."""
+"""A joint between two bodies, its motor and gear, and its limits."""
 
 from __future__ import annotations
 
@@ -11,18 +11,94 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import (
     Damping,
+    Inertia,
     JointAcceleration,
     JointPosition,
     JointTorque,
     JointVelocity,
     Measured,
+    Torque,
     of_translation,
 )
 from elastid.robot.friction import Friction
-from elastid.robot.motor import Motor
-from elastid.robot.named_numbers import Numbers, below, coordinates
-from elastid.robot.placement import Axis, Vector3, unit_axis
+from elastid.robot.placement import (
+    Axis,
+    Numbers,
+    Vector3,
+    below,
+    coordinates,
+    require_not_negative,
+    require_positive,
+    unit_axis,
+)
 from elastid.robot.spring import Spring
+
+
+@section
+class Motor:
+    """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb."""
+
+    # fmt: off
+    inertia: Annotated[Inertia, Key("Inertia of the rotor about its axis.", "rotor, brake and input stage together; "
+        "the data sheet's rotor alone may be half of it.")]
+    ratio: Annotated[float, Key("Gear ratio: motor turns per joint turn, negative where they turn in opposite ways.",
+        "from the controller's parameters, sign included; an error here is one of its square in inertia.")] = 1.0
+    viscous: Annotated[Damping, Key("Viscous friction of the motor.", "the slope of torque over speed of a warm axis, "
+        "over ratio^2 on the motor's side; fm_NAME of a fit finds it, from a start that is not 0.")] = 0.0
+    coulomb: Annotated[Torque, Key("Coulomb friction of the motor, dry friction of one level.", "half the torque "
+        "between slow motion up and down; used by simulation, a linear fit does not see it.")] = 0.0
+    spring: Annotated[Spring | None, Key("Spring of the motor's shaft, before all gears, on the motor side; in series "
+        "with the joint's own.", "for belts and couplings between motor and gear that swing by themselves, mostly "
+        "above 50 Hz.")] = None
+    on: Annotated[str, Key("Body that carries the motor. The rotor then takes part in the carrier's rotation, T = "
+        "inertia (axis . omega + ratio q_m')^2 / 2, and the carrier's mass and inertia hold the rest of it: all of its "
+        "mass, and its inertia but for that about its own axis. Without a carrier the rotor turns about its own axis "
+        "only, and the carrier holds all of it.", "for motors in the arm, wrist motors above all; with ratios of 100 "
+        "and more the effect on modes is a few percent.")] = ""
+    axis: Annotated[Axis | None, Key("Axis of the rotor in the axes of the carrier: the direction about which the "
+        "rotor turns where the motor does; given with `on`, and not without.", "for motors across their joint, behind "
+        "bevel gears or belts; the sign counts with that of ratio.")] = None
+    friction: Annotated[Friction | None, Key("Dry friction of the motor by any law, in place of coulomb.",
+        "for studies of friction, whose export writes it; `coulomb` is enough for an elastic one.")] = None
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no motor can have."""
+        if self.ratio == 0 or not math.isfinite(self.ratio):
+            raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
+        require_positive("the motor's inertia", self.inertia, " kg*m^2")
+        if self.spring is not None and not self.spring.is_linear:
+            raise ValueError(
+                "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"
+            )
+        require_not_negative("viscous friction", self.viscous)
+        require_not_negative("coulomb friction", self.coulomb)
+        if bool(self.on) != (self.axis is not None):
+            raise ValueError(
+                "the motor rides on a body: give both `on`, the body, and `axis`, the rotor's direction in the axes of "
+                f"that body (got on: {self.on or 'nothing'}, axis: {'nothing' if self.axis is None else self.axis})"
+            )
+        if self.axis is not None:
+            unit_axis(self.axis)
+        if self.friction is not None:
+            if self.coulomb > 0:
+                raise ValueError(
+                    "coulomb and friction are both given; friction has a coulomb of its own, leave one out"
+                )
+            self.friction.check_passive(self.viscous)
+
+    @property
+    def dry_friction(self) -> Friction | None:
+        """The law of dry friction, Coulomb's where `coulomb` alone is given; None without any."""
+        return Friction(self.coulomb) if self.friction is None and self.coulomb > 0 else self.friction
+
+    def numbers(self, joint: str) -> Numbers:
+        """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
+        own: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
+        if self.spring is None:
+            return own
+        shaft = {f"{name[0]}m{name[1:]}": place for name, place in self.spring.numbers(joint).items()}
+        return own | below("spring", shaft)
 
 
 @section
@@ -86,8 +162,7 @@ class Joint:
     def __post_init__(self) -> None:
         """Check axis, friction and units."""
         unit_axis(self.axis)
-        if self.viscous < 0:
-            raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
         if self.slides and any(self.point):
             raise ValueError(
                 f"joint {self.name}: it slides, so that the place of its axis has no effect; leave out point"
@@ -154,17 +229,10 @@ class Joint:
 
     def _check_units(self) -> None:
         """A number written with a unit must have one of the joint's motion; those of its motor, of a rotation."""
-        owners: dict[str, object] = {"": self, "spring: ": self.spring, "limits: ": self.limits} | _friction(
-            "", self.friction
-        )
-        for part, owner in owners.items():
-            for name, number in _numbers_of(owner):
-                if self.refusal_of(number):
-                    raise ValueError(f"{part}{name} {self.refusal_of(number)}")
-        turning: dict[str, object] = {"": self.motor}
-        if self.motor is not None:
-            turning |= {"spring: ": self.motor.spring} | _friction("", self.motor.friction)
-        for name, number in ((part + name, x) for part, owner in turning.items() for name, x in _numbers_of(owner)):
+        for name, number in _numbers_of(self):
+            if refused := self.refusal_of(number):
+                raise ValueError(f"{name} {refused}")
+        for name, number in () if self.motor is None else _numbers_of(self.motor):
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(
                     f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
@@ -172,20 +240,14 @@ class Joint:
                 )
 
 
-def _numbers_of(owner: object) -> Iterator[tuple[str, float]]:
-    """The numbers that a section holds itself."""
-    for name, value in vars(owner).items() if owner is not None else ():
+def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
+    """The numbers of a section and of the sections in it but for a motor: `viscous`, `friction.lugre: stiffness`."""
+    for name, value in vars(part).items():
+        if is_dataclass(value) and not isinstance(value, Motor):
+            yield from _numbers_of(value, f"{path}.{name}" if path else name)
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, float):
-                yield name, number
-
-
-def _friction(part: str, friction: Friction | None) -> dict[str, object]:
-    """The sections of dry friction that hold numbers."""
-    if friction is None:
-        return {}
-    inner = {f"{part}friction.{name}: ": value for name, value in vars(friction).items() if is_dataclass(value)}
-    return {f"{part}friction: ": friction, **inner}
+                yield f"{path}: {name}" if path else name, number
 
 
 def _turns(dimension: str) -> bool:

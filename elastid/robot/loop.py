@@ -8,8 +8,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
-from elastid.robot.named_numbers import Numbers, below, coordinates
-from elastid.robot.placement import Axis, unit_axis
+from elastid.robot.placement import Axis, Numbers, below, ends_of, require_not_negative, require_positive, unit_axis
 
 
 @section
@@ -54,13 +53,11 @@ class Rod:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no rod can have."""
-        if not self.length > 0:
-            raise ValueError(f"the length of the rod is {self.length:g} m; it must be positive")
-        for name, value in (("mass", self.mass), ("inertia", self.inertia), ("damping", self.damping)):
-            if value < 0:
-                raise ValueError(f"{name} of the rod is {value:g}; it must not be negative")
-        if self.stiffness is not None and not self.stiffness > 0:
-            raise ValueError(f"stiffness of the rod is {self.stiffness:g} N/m; it must be positive (none: rigid)")
+        require_positive("the length of the rod", self.length, " m")
+        for name in ("mass", "inertia", "damping"):
+            require_not_negative(f"{name} of the rod", getattr(self, name))
+        if self.stiffness is not None:
+            require_positive("stiffness of the rod", self.stiffness, " N/m", " (none: rigid)")
         if self.stiffness is None and self.damping > 0:
             raise ValueError("the rod has damping but no stiffness; a rigid rod does not stretch")
 
@@ -112,6 +109,5 @@ class Loop:
     @property
     def geometry(self) -> Numbers:
         """p1_ and p2_: where its ends are on their bodies; l_: the length of its rod."""
-        first, second = (coordinates(f"p{i + 1}_{self.name}", ("ends", i, "point")) for i in (0, 1))
         length: Numbers = {f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {}
-        return first | second | length
+        return ends_of("p", self.name) | length

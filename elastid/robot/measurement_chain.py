@@ -16,12 +16,11 @@ Every place has such gains; they are 1, and parameters only where a study names 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import replace
 from typing import Annotated, Literal
 
 from elastid.base.section import Key, section
 from elastid.base.units import Time
-from elastid.robot.named_numbers import Numbers
+from elastid.robot.placement import Numbers, require_positive
 
 
 def gain_name(role: str, place: str) -> str:
@@ -49,11 +48,8 @@ class ChannelGain:
 
     def __post_init__(self) -> None:
         """Refuse a gain that is not positive."""
-        if not self.gain > 0:
-            raise ValueError(
-                f"the gain of {self.role} at {self.at} is {self.gain:g}; it must be positive (for the other sign give "
-                "the channel sign: -1)"
-            )
+        hint = " (for the other sign give the channel sign: -1)"
+        require_positive(f"the gain of {self.role} at {self.at}", self.gain, advice=hint)
 
 
 @section
@@ -80,12 +76,9 @@ class Chain:
 
     def __post_init__(self) -> None:
         """Refuse times and damping that are not positive."""
-        for name in ("torque_lag", "sensor_lag", "differentiator"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} is {value:g} s; it must be positive (leave it out where there is none)")
-        if not self.torque_damping > 0:
-            raise ValueError(f"torque_damping is {self.torque_damping:g}; it must be positive")
+        for name, value in self._times.items():
+            require_positive(name, value, " s", " (leave it out where there is none)")
+        require_positive("torque_damping", self.torque_damping)
         channels = [(channel.role, channel.at) for channel in self.gains]
         for role, place in channels:
             if channels.count((role, place)) > 1:
@@ -94,8 +87,7 @@ class Chain:
     @property
     def numbers(self) -> Numbers:
         """The time constant of each element that is present, and the gains that are listed."""
-        names = ("torque_lag", "sensor_lag", "differentiator")
-        times: Numbers = {name: ("s", (name,)) for name in names if getattr(self, name) is not None}
+        times: Numbers = {name: ("s", (name,)) for name in self._times}
         return times | {gain_name(g.role, g.at): ("1", ("gains", i, "gain")) for i, g in enumerate(self.gains)}
 
     def gain(self, role: str, place: str) -> float:
@@ -115,6 +107,8 @@ class Chain:
             if channel.at not in known:
                 raise ValueError(f"chain.gains: no {channel.role} is at '{channel.at}'; there are {', '.join(known)}")
 
-    def with_gains(self, gains: Iterable[ChannelGain]) -> Chain:
-        """The same with further gains listed."""
-        return replace(self, gains=(*self.gains, *gains))
+    @property
+    def _times(self) -> dict[str, float]:
+        """The time constants of the elements that are present, in s."""
+        times = {name: getattr(self, name) for name in ("torque_lag", "sensor_lag", "differentiator")}
+        return {name: value for name, value in times.items() if value is not None}

@@ -1,8 +1,13 @@
-"""Directions, vectors and placements in the description of a robot."""
+"""Directions, vectors and placements in the description of a robot, and its named numbers, which can be identified.
+
+A named number has a unit and a path, the attributes and positions to it: ("joints", 0, "spring", "stiffness").
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,6 +23,18 @@ Acceleration3: TypeAlias = tuple[
 ]
 
 _UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def require_positive(name: str, value: float, unit: str = "", advice: str = "") -> None:
+    """ValueError for a number that is not above zero.  unit: with its blank."""
+    if not value > 0:
+        raise ValueError(f"{name} is {value:g}{unit}; it must be positive{advice}")
+
+
+def require_not_negative(name: str, value: float, unit: str = "") -> None:
+    """ValueError for a negative number.  unit: with its blank."""
+    if value < 0:
+        raise ValueError(f"{name} is {value:g}{unit}; it must not be negative")
 
 
 def unit_axis(axis: Axis) -> FloatArray:
@@ -63,3 +80,47 @@ class Placement:
                 [-sp, cp * sr, cp * cr],
             ]
         )
+
+
+Path: TypeAlias = tuple[str | int, ...]
+# name: (SI unit, path)
+Numbers: TypeAlias = dict[str, tuple[str, Path]]
+
+
+def coordinates(prefix: str, path: Path) -> Numbers:
+    """The three coordinates of a point: prefix_x, prefix_y and prefix_z."""
+    return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
+
+
+def ends_of(prefix: str, name: str) -> Numbers:
+    """The coordinates of two points, `ends`: p1_name_x ... and p2_name_x ... of the prefix p."""
+    return coordinates(f"{prefix}1_{name}", ("ends", 0, "point")) | coordinates(
+        f"{prefix}2_{name}", ("ends", 1, "point")
+    )
+
+
+def below(path: str | Path, numbers: Numbers) -> Numbers:
+    """The numbers of a part, seen from the object that has the part at `path`."""
+    steps = (path,) if isinstance(path, str) else path
+    return {name: (unit, (*steps, *inner)) for name, (unit, inner) in numbers.items()}
+
+
+def number_at(description: Any, path: Path) -> float:
+    """The number at a path."""
+    for step in path:
+        description = description[step] if isinstance(step, int) else getattr(description, step)
+    return float(description)
+
+
+def replaced(description: Any, values: Mapping[Path, float]) -> Any:
+    """The same description with other numbers at these paths, each dataclass checked again once all are in it."""
+    if () in values:
+        return values[()]
+    inner: dict[str | int, dict[Path, float]] = {}
+    for (step, *rest), value in values.items():
+        inner.setdefault(step, {})[tuple(rest)] = value
+    if isinstance(description, tuple):
+        return tuple(replaced(part, inner[i]) if i in inner else part for i, part in enumerate(description))
+    return replace(
+        description, **{str(step): replaced(getattr(description, str(step)), part) for step, part in inner.items()}
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Annotated
@@ -20,48 +20,43 @@ from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
-from elastid.robot.named_numbers import Numbers, Path, below, number_at, replaced
-from elastid.robot.placement import Acceleration3, Placement
+from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
 
 
-def check_part_names(
-    bodies: Sequence[Body],
-    joints: Sequence[Joint],
-    frames: Sequence[Frame],
-    loops: Sequence[Loop],
-    compensators: Sequence[Compensator],
-) -> None:
+def check_part_names(robot: Robot) -> None:
     """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
-    for body in bodies:
-        if body.name.casefold() == BASE:
+    bodies = [body.name for body in robot.all_bodies]
+    for name in bodies:
+        if name.casefold() == BASE:
             raise ValueError(
-                f"body {body.name}: its name is that of the base, which carries the first body and is not listed; give "
+                f"body {name}: its name is that of the base, which carries the first body and is not listed; give "
                 "it another"
             )
+    check_different("body", bodies)
     for kind, parts in (
-        ("body", bodies), ("joint", joints), ("frame", frames), ("loop", loops), ("compensator", compensators),
+        ("joint", robot.joints), ("frame", robot.frames), ("loop", robot.loops), ("compensator", robot.compensators),
     ):  # fmt: skip
         check_different(kind, [part.name for part in parts])
-    masses = [*(body.name for body in bodies), *(loop.name for loop in loops)]
+    masses = [*bodies, *(loop.name for loop in robot.loops)]
     for name in masses:
         stem, _, letters = name.rpartition("_")
         if letters in TENSOR_LETTERS and stem in masses:
             raise ValueError(f"body {name}: its inertia I_{name} has the name of an entry of body {stem}; rename one")
 
 
-def check_known(owner: str, name: str, bodies: Sequence[Body]) -> None:
+def check_known(owner: str, name: str, robot: Robot) -> None:
     """ValueError unless the name is the base's or that of a body of the tree."""
-    known = [BASE, *(body.name for body in bodies)]
+    known = [BASE, *(body.name for body in robot.bodies)]
     if name not in known:
         raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, known)}")
 
 
-def check_loops(loops: Sequence[Loop], bodies: Sequence[Body]) -> None:
+def check_loops(robot: Robot) -> None:
     """ValueError unless loops join bodies that exist and share no name with anything that has parameters of its own."""
-    taken = [*(body.name for body in bodies), *(joint.name for body in bodies for joint in body.joints)]
-    for loop in loops:
+    taken = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
+    for loop in robot.loops:
         for end in loop.ends:
-            check_known(f"loop {loop.name}", end.body, bodies)
+            check_known(f"loop {loop.name}", end.body, robot)
         if loop.name in taken:
             raise ValueError(
                 f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
@@ -69,29 +64,23 @@ def check_loops(loops: Sequence[Loop], bodies: Sequence[Body]) -> None:
         taken.append(loop.name)
 
 
-def check_carrier(joint: Joint, bodies: Sequence[Body]) -> None:
+def check_carrier(joint: Joint, robot: Robot) -> None:
     """ValueError unless the motor rides on a body between the base and its joint, or on one that its joint moves."""
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
         return
-    check_known(f"joint {joint.name}: motor.on", carrier, bodies)
-    parents = {body.name: body.parent for body in bodies}
-    moved = next(body.name for body in bodies if joint in body.joints)
-    fitting = [name for name in parents if moved in _up(parents, name) or name in _up(parents, moved)]
+    check_known(f"joint {joint.name}: motor.on", carrier, robot)
+    carried_by: dict[str, list[str]] = {BASE: []}
+    for body in robot.bodies:
+        carried_by[body.name] = [*carried_by[body.parent], body.name]
+    moved = next(body.name for body in robot.bodies if joint in body.joints)
+    fitting = [body for body, path in carried_by.items() if moved in path or body in carried_by[moved]]
     if carrier not in fitting:
         raise ValueError(
             f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
             "by it, so that no gear can lead from one to the other; bodies it can be on: "
             f"{', '.join([BASE, *fitting])}"
         )
-
-
-def _up(parents: Mapping[str, str], body: str) -> list[str]:
-    """The body and those that carry it, the base left out."""
-    path = [body]
-    while parents[path[-1]] != BASE:
-        path.append(parents[path[-1]])
-    return path
 
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
@@ -134,7 +123,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Check the tree, then everything attached to it."""
-        check_part_names(self.all_bodies, self.joints, self.frames, self.loops, self.compensators)
+        check_part_names(self)
         known = [BASE]
         for body in self.bodies:
             if body.parent not in known:
@@ -143,15 +132,15 @@ class Robot:
                 )
             known.append(body.name)
         for frame in self.frames:
-            check_known(f"frame {frame.name}", frame.body, self.bodies)
+            check_known(f"frame {frame.name}", frame.body, self)
         for compensator in self.compensators:
             for end in compensator.ends:
-                check_known(f"compensator {compensator.name}", end.body, self.bodies)
-        check_loops(self.loops, self.bodies)
+                check_known(f"compensator {compensator.name}", end.body, self)
+        check_loops(self)
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
         for joint in self.driven:
-            check_carrier(joint, self.bodies)
+            check_carrier(joint, self)
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
         self.chain.check_places(self.motor_locations, self.locations)
@@ -191,7 +180,7 @@ class Robot:
     @cached_property
     def driven(self) -> tuple[Joint, ...]:
         """The joints with a motor, in order: inputs, and the angles of a configuration."""
-        return tuple(joint for joint in self.joints if joint.motor is not None)
+        return tuple(self.joints[i] for i in self.driven_indices)
 
     @cached_property
     def driven_indices(self) -> tuple[int, ...]:
@@ -233,9 +222,9 @@ class Robot:
 
     def ratio(self, joint: str) -> float:
         """Gear ratio of the motor of a joint; UnknownNameError where it has none."""
-        for candidate in self.driven:
-            if candidate.name == joint and candidate.motor is not None:
-                return candidate.motor.ratio
+        ratios = {driven.name: driven.motor.ratio for driven in self.driven if driven.motor is not None}
+        if joint in ratios:
+            return ratios[joint]
         raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
@@ -340,7 +329,8 @@ class Robot:
         """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         if further := [self.gains[name] for name in values if name in self.gains and name not in known]:
-            return replace(self, chain=self.chain.with_gains(further)).with_parameters(values)
+            chain = replace(self.chain, gains=(*self.chain.gains, *further))
+            return replace(self, chain=chain).with_parameters(values)
         for name in values:
             if name not in known:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")

@@ -18,7 +18,7 @@ from elastid.robot.robot import Robot
 class ElasticCoordinate:
     """A deflection with a spring, which can be rigid instead.  name: of its joint, or of its loop.
 
-    kind: `gear` of of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
+    kind: `gear` of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
     `rod` of a loop.
     """
 
@@ -87,15 +87,14 @@ def without_motor_coupling(robot: Robot) -> Robot:
 
 def without_dry_friction(robot: Robot) -> Robot:
     """Motors and joints with their viscous friction alone."""
-
     return _with_joints(robot, lambda joint: replace(_with_motor(joint, coulomb=0.0, friction=None), friction=None))
 
 
 def without_friction(robot: Robot) -> Robot:
     """Motors and joints without viscous and dry friction."""
-
-    without_dry = without_dry_friction(robot)
-    return _with_joints(without_dry, lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
+    return _with_joints(
+        without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0)
+    )
 
 
 def _with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:

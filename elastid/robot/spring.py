@@ -18,7 +18,7 @@ from typing import Annotated
 
 from elastid.base.section import Key, section
 from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
-from elastid.robot.named_numbers import Numbers
+from elastid.robot.placement import Numbers, require_not_negative, require_positive
 
 # Field, parameter and unit of the optional terms of a spring.
 _FURTHER = (
@@ -61,20 +61,16 @@ class Spring:
     def __post_init__(self) -> None:
         """Refuse a spring whose torque does not grow with its deflection."""
         unit, angle = self._units
-        if not self.stiffness > 0:
-            raise ValueError(f"stiffness is {self.stiffness:g} {unit}; it must be positive")
-        if self.damping < 0:
-            raise ValueError(f"damping is {self.damping:g} {unit.replace('/', '*s/')}; it must not be negative")
-        if self.inner_stiffness < 0:
-            raise ValueError(f"inner_stiffness is {self.inner_stiffness:g} {unit}; it must not be negative")
+        require_positive("stiffness", self.stiffness, f" {unit}")
+        require_not_negative("damping", self.damping, f" {unit.replace('/', '*s/')}")
+        require_not_negative("inner_stiffness", self.inner_stiffness, f" {unit}")
         if self.backlash is None and self.inner_stiffness > 0:
             raise ValueError(
                 "inner_stiffness is that inside the backlash, and there is none; give backlash, half the gap"
             )
-        if self.backlash is not None and not self.backlash > 0:
-            raise ValueError(f"backlash is {self.backlash:g} {angle}, half the gap; it must be positive, or left out")
-        if not self.rounding > 0:
-            raise ValueError(f"rounding is {self.rounding:g}, a part of the backlash; it must be positive, say 0.1")
+        if self.backlash is not None:
+            require_positive("backlash", self.backlash, f" {angle}, half the gap", ", or left out")
+        require_positive("rounding", self.rounding, ", a part of the backlash", ", say 0.1")
         self._check_monotone()
 
     @property
@@ -97,12 +93,9 @@ class Spring:
         for s, side in ((odd + even, "positive"), (odd - even, "negative")):
             if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
                 # The smallest deflection x at which a + 2 s x + 3 cubic x^2 reaches 0.
-                if cubic == 0:
-                    worst = a / (-2 * s)
-                else:
-                    root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
-                    worst = min(x for x in ((-s - root) / (3 * cubic), (-s + root) / (3 * cubic)) if x >= 0)
-                unit, angle = self._units
+                root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
+                ends = [(sign * root - s) / (3 * cubic) for sign in (-1, 1)] if cubic else [a / (-2 * s)]
+                worst, (unit, angle) = min(x for x in ends if x >= 0), self._units
                 raise ValueError(
                     f"the spring loses its stiffness at a {side} deflection of {worst:.3g} {angle} and pulls beyond, "
                     f"for k = {a:g} {unit}{where}, a quadratic term of {s:g} {unit}^2 to that side and a cubic one of "

@@ -21,9 +21,8 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different, first_same
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
-from elastid.robot.body import BASE, Body, Frame, Payload
-from elastid.robot.joint import Joint, Limits
-from elastid.robot.motor import Motor
+from elastid.robot.body import BASE, Body, Frame, Payload, six_numbers
+from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
 from elastid.robot.spring import Spring
@@ -177,7 +176,13 @@ class _Reader:
     def __init__(self, root: UrdfElement, known: Mapping[str, UrdfJoint]) -> None:
         self.root, self.known = root, known
         self.links = {link.name: link for link in root.all("link")}
-        self._check_different()
+        for kind in ("link", "joint"):
+            elements = list(root.all(kind))
+            names = [element.name for element in elements]
+            try:
+                check_different(kind, names)
+            except ValueError as error:
+                raise elements[first_same(names) or 0].wrong(str(error)) from None
         self.below: dict[str, list[UrdfElement]] = {}
         self.child_of: dict[str, UrdfElement] = {}
         for joint in root.all("joint"):
@@ -186,16 +191,6 @@ class _Reader:
                 raise joint.wrong(f"link {child} has two parents; loops cannot be read from a URDF")
             self.below.setdefault(parent, []).append(joint)
             self.child_of[child] = joint
-
-    def _check_different(self) -> None:
-        """StudyError with its line for a link or joint whose name another one has."""
-        for kind in ("link", "joint"):
-            elements = list(self.root.all(kind))
-            names = [element.name for element in elements]
-            try:
-                check_different(kind, names)
-            except ValueError as error:
-                raise elements[first_same(names) or 0].wrong(str(error)) from None
 
     def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
         """All bodies, parents first, and the fixed links without mass as frames."""
@@ -216,7 +211,7 @@ class _Reader:
             origin = _origin(joint)
             R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
             link = self.links[child]
-            if joint.text("type") == "fixed" and not self._has_mass(link):
+            if joint.text("type") == "fixed" and not _has_mass(link):
                 frames.append(Frame(child, seat.body, Placement.of(R, p)))
                 below = _Seat(seat.body, R, p)
             else:
@@ -282,14 +277,15 @@ class _Reader:
             )
         return name
 
-    def _has_mass(self, link: UrdfElement) -> bool:
-        inertial = link.first("inertial")
-        mass = None if inertial is None else inertial.first("mass")
-        return mass is not None and mass.number("value") > 0
-
     def _mass_below(self, link: str) -> bool:
         children = (self._link_of(joint, "child") for joint in self.below.get(link, []))
-        return self._has_mass(self.links[link]) or any(self._mass_below(child) for child in children)
+        return _has_mass(self.links[link]) or any(self._mass_below(child) for child in children)
+
+
+def _has_mass(link: UrdfElement) -> bool:
+    inertial = link.first("inertial")
+    mass = None if inertial is None else inertial.first("mass")
+    return mass is not None and mass.number("value") > 0
 
 
 def _origin(element: UrdfElement) -> Placement:
@@ -324,10 +320,8 @@ def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Jo
         raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
     xx, yy, zz, xy, xz, yz = (tensor.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz"))
     origin = _origin(inertial)
-    I = origin.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ origin.rotation.T  # noqa: E741
-    xx, yy, zz, xy, xz, yz = (float(I[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    inertia = origin.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ origin.rotation.T
     try:
-        inertia = (xx, yy, zz, xy, xz, yz)
-        return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=inertia)
+        return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=six_numbers(inertia))
     except ValueError as error:
         raise inertial.wrong(str(error)) from None

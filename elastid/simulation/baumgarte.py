@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.model.closed_posture import assembled
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import Partition, partition
+from elastid.model.loop_closure import Partition, partition
 
 
 def constrained_acceleration(

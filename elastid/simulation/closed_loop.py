@@ -7,11 +7,22 @@ integrated in between. All noise comes in as signals, drawn before: the same com
 
 q, v: coordinates and velocities, z: states of friction, w: of the drives, I: of the integral, y: last reading. Each
 stage of a Runge-Kutta step calls the same functions, so that the code of a robot's equations is there once.
+
+Long simulations run as machine code, made by the C compiler of the machine in a temporary folder: the operations of
+CasADi's virtual machine in the same order, without contraction into fused multiply-adds and without the compiler's own
+arithmetic of pow, sin and cos, so that results are the same bit for bit. Nothing is left on the disk.
 """
 
 from __future__ import annotations
 
+import logging
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -20,10 +31,61 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
-from elastid.simulation.compiled import compiled
-from elastid.simulation.controller import Gains, feedback
+from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
+
+FLAGS = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
+MAX_COMPILE_S = 60.0
+# Calls that save as much time as compiling takes.
+MIN_CALLS = 20_000
+
+_log = logging.getLogger(__name__)
+
+
+def compiled(function: ca.Function, calls: int) -> ca.Function:
+    """The function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
+    if calls < MIN_CALLS:
+        return function
+    try:
+        return _loaded(function)
+    except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+        _log.warning(
+            "the equations of the simulation are interpreted, with the same results in about three times the time, "
+            "because they cannot be compiled: %s; name a C compiler by CC, or leave out experiment.simulated.compiled",
+            error,
+        )
+        return function
+
+
+def compiler() -> list[str]:
+    """The command of the C compiler: $CC, otherwise cc, gcc or clang; OSError where there is none."""
+    try:
+        given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    except ValueError as error:
+        raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
+    for name, *words in [given] if given else [["cc"], ["gcc"], ["clang"]]:
+        path = shutil.which(name)
+        if path:
+            return [path, *words]
+    raise OSError(f"there is no C compiler ({given[0] if given else 'cc, gcc, clang'})")
+
+
+def _loaded(function: ca.Function) -> ca.Function:
+    """The function from a library whose file is gone; OSError, RuntimeError or SubprocessError where that fails."""
+    generator = ca.CodeGenerator(f"{function.name()}.c")
+    generator.add(function)
+    # Windows removes no library that is loaded.
+    with tempfile.TemporaryDirectory(prefix="elastid-", ignore_cleanup_errors=True) as folder:
+        source, library, output = (Path(folder, name) for name in ("function.c", "function.so", "output"))
+        source.write_text(generator.dump(), encoding="utf-8")
+        command = [*compiler(), *FLAGS, str(source), "-o", str(library), "-lm"]
+        with output.open("wb") as file:  # a pipe would stay open with a child of the compiler that never ends
+            done = subprocess.run(command, stdout=file, stderr=file, timeout=MAX_COMPILE_S, cwd=folder, check=False)
+        if done.returncode:
+            words = output.read_text(encoding="utf-8", errors="replace").strip()[-300:]
+            raise OSError(f"{command[0]} ended with status {done.returncode} {words}".rstrip())
+        return ca.external(function.name(), str(library))
 
 
 def sampled_step(
@@ -73,7 +135,7 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float) -> ca.Function
     E, E_inverse = shafts(model)
     reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ given["q"], given["noise"])
     last, position, velocity = given["last"], given["position"], given["velocity"]
-    error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
+    error = given["kp"] * (position - reading) + given["kd"] * (velocity - (reading - last) * rate_hz)
     command = given["torque"] + error + given["ki"] * given["integral"]
     asked = E_inverse.T @ command
     taken = drives.clipped(asked)

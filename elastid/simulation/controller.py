@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.closed_posture import followed, rates
 
 
 @frozen_value(eq=False)
@@ -99,10 +99,3 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
     """(q, v, a) -> M(q) a + f(q, v), built once in a process."""
     q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
-
-
-def feedback(
-    reading: ca.SX, last: ca.SX, position: ca.SX, velocity: ca.SX, kp: ca.SX, kd: ca.SX, rate_hz: float
-) -> ca.SX:
-    """k_p (q_ref - y_k) + k_d (q_ref' - (y_k - y_{k-1}) / T_s) as an expression."""
-    return kp * (position - reading) + kd * (velocity - (reading - last) * rate_hz)

@@ -29,8 +29,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
-from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.compiled import MIN_CALLS, compiler
+from elastid.simulation.closed_loop import MIN_CALLS, Commands, Trajectory, closed_loop, compiler, simulate
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts, free_acceleration

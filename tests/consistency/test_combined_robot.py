@@ -20,8 +20,8 @@ from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.hardware import filter_motions
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.frf.estimate import estimate
+from elastid.linear.linear_model import sensor_elements
 from elastid.linear.linearise import linearise
-from elastid.linear.measurement_chain import sensor_elements
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian

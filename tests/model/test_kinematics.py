@@ -4,10 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from elastid.model.formulation import serial
-from elastid.model.kinematics import link_angles, skeleton, tool_jacobian
-from elastid.robot import Body, Joint, Motor, Placement, Robot
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import modes, shapes_of_all
+from elastid.model.formulation import formulate, serial
+from elastid.model.kinematics import frame_poses, link_angles, skeleton, stick_figure, tool_jacobian
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import (
+    Anchor,
+    Body,
+    CoilSpring,
+    Compensator,
+    Frame,
+    Joint,
+    Loop,
+    Motor,
+    Placement,
+    Robot,
+    Rod,
+    Spring,
+)
 
 MOTOR = Motor(1e-3)
 PLANAR = Robot(
@@ -76,3 +96,100 @@ def test_tool_jacobian_is_the_derivative_of_the_tool(robot: Robot) -> None:
         np.testing.assert_allclose(J[:, :3, i], slope, atol=1e-8)
     if robot is OBLIQUE:
         assert not J[:, :, 1].any()
+
+
+GANTRY = Robot(
+    "gantry",
+    (
+        Body("column", "base", Placement((0.1, 0, 0.2), (0.1, 0.2, 0.3)), (), 2.0, (0.02, 0, 0.1)),
+        Body("carriage", "column", Placement((0.1, 0.2, 0.3)),
+             (Joint("x", (1, 2, 3), Spring(1e6), Motor(1e-3, 600.0), motion="translation"),
+              Joint("rx", "x", Spring(1e5))),
+             30.0, (0.1, 0, 0), 1.0),
+        Body("arm", "carriage", Placement((0, 0.5, 0), (0.3, 0, 0)), (Joint("a", (0, 1, 1), Spring(1e5), Motor(1e-3)),),
+             20.0, (0.2, 0, 0.1), 1.0),
+        Body("hand", "arm", Placement((0.4, 0, 0)), (Joint("h", "z", Spring(1e4)),), 5.0, (0, 0, 0.1), 0.1),
+    ),
+    frames=(Frame("tool", "hand", Placement((0.1, 0.2, 0.05), (0, 1, 0))),),
+    compensators=(Compensator("coil", (Anchor("base", (1, 0, 0)), Anchor("arm", (0.2, 0, 0))), CoilSpring(100.0)),),
+)  # fmt: skip
+
+
+def linkage(rod: Rod) -> Robot:
+    """A four-bar linkage in a plane that is not one of the base's."""
+    tilted = Placement((0.1, 0.2, 0.3), (0.3, 0.2, 0.5))
+    motor = Motor(2e-3, 100)
+    bodies = (
+        Body("foot", placement=tilted, mass=1.0),
+        Body(
+            "lower",
+            "foot",
+            joints=(Joint("2", "y", Spring(8e5), motor),),
+            mass=16,
+            center_of_mass=(0, 0, 0.2),
+            inertia=1,
+        ),
+        Body(
+            "crank",
+            "foot",
+            joints=(Joint("3", "y", Spring(5e5), motor),),
+            mass=19,
+            center_of_mass=(-0.4, 0, 0),
+            inertia=1,
+        ),
+        Body("upper", "lower", Placement((0, 0, 0.86)), (Joint("e", "y"),), 50, (0.35, 0, 0.14), 5.0),
+    )
+    ends = (Anchor("crank", (-0.33, 0, 0)), Anchor("upper", (-0.3, 0, 0)))
+    return Robot("linkage", bodies, loops=(Loop("rod", ends, rod=rod),))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(-2, 2), min_size=8, max_size=8))
+def test_every_point_moves_by_its_jacobian(numbers: list[float]) -> None:
+    """Joints that turn and slide about oblique axes: differences of the figure's own points and of the tool's pose."""
+    q, dq = np.split(np.array(numbers), 2)
+    h = 1e-6
+    drawn = stick_figure(GANTRY, q)
+    ahead, behind = (stick_figure(GANTRY, q + sign * h * dq) for sign in (1, -1))
+    np.testing.assert_allclose(drawn.jacobian @ dq, (ahead.points - behind.points) / (2 * h), atol=1e-8)
+    poses = frame_poses(GANTRY, np.stack([q + h * dq, q - h * dq, q]), "tool")
+    np.testing.assert_allclose(drawn.points[-1], poses.position[2], atol=1e-12)
+    np.testing.assert_allclose(drawn.jacobian[-1] @ dq, (poses.position[0] - poses.position[1]) / (2 * h), atol=1e-8)
+
+
+def test_the_sticks_are_the_skeleton_with_its_struts() -> None:
+    """Where the driven joints alone are away from 0; a centre of mass only where a body carries nothing."""
+    angles = np.array([[0.3, -0.7]])
+    bones = skeleton(GANTRY, angles)
+    drawn = stick_figure(GANTRY, np.array([0.3, 0.0, -0.7, 0.0]))
+    for name, point in zip(bones.names, bones.points[0], strict=True):
+        there = np.abs(drawn.points - point).max(axis=1).min() < 1e-12
+        assert there == (not name.startswith("center of mass")), name
+    assert [kind for _, _, kind in drawn.links].count("mass") == 0  # the hand carries the tool
+    assert len(drawn.joints) == 3
+    ((first, second, _),) = [link for link in drawn.links if link[2] == "strut"]
+    np.testing.assert_allclose(drawn.points[first], [1, 0, 0])
+    assert np.linalg.norm(drawn.points[second] - drawn.points[first]) > 0.1
+
+
+@pytest.mark.parametrize("kind", ["constrained", "minimal"])
+@pytest.mark.parametrize("rod", [Rod(0.86, 6, 0.4, 0.5, 1e7), Rod(0.86, 6, 0.4, 0.5)], ids=["elastic", "rigid"])
+def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod) -> None:
+    """Between its ends; in every mode the ends part by the elongation, which a rigid rod has none of."""
+    robot = linkage(rod)
+    model = formulate(robot, ModelSpec(kind))
+    at = Configuration("c", np.array([0.2, -0.3]))
+    linear = linearise(model, at, model.theta, model.inputs, "position")
+    shapes = shapes_of_all(linear, modes(linear, linear.theta_ref).shapes)
+    point = equilibrium(model, model.theta, at)
+    n_l = len(robot.joints)
+    drawn = stick_figure(robot, point.q[:n_l])
+    ((a, b, _),) = [link for link in drawn.links if link[2] == "strut"]
+    gap = drawn.points[b] - drawn.points[a]
+    stretch = point.q[-1] if model.coordinates[-1] == "rod rod" else np.linalg.norm(gap) - 0.86
+    assert np.linalg.norm(gap) == pytest.approx(0.86 + (stretch if rod.is_elastic else 0.0), abs=1e-9)
+    parting = gap @ (drawn.jacobian[b] - drawn.jacobian[a]) @ shapes[:n_l] / np.linalg.norm(gap)
+    _, rows = model.strain(point.q, model.theta)
+    expected = rows.full()[model.springs.index("k_rod")] @ shapes if rod.is_elastic else 0.0
+    np.testing.assert_allclose(parting, expected, atol=1e-9)
+    assert (np.abs(parting).max() > 1e-3) == rod.is_elastic

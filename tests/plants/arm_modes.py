@@ -8,7 +8,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
-from elastid.model.stick_figure import StickFigure, stick_figure
+from elastid.model.kinematics import StickFigure, stick_figure
 from elastid.record import Configuration
 from elastid.report.modes import ModeDrawing, ModeRow, mode_drawing
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring

@@ -14,8 +14,7 @@ from plants.report_values import fit_result
 from elastid.app.summaries import modes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.model.formulation import formulate
-from elastid.model.kinematics import frame_poses
-from elastid.model.stick_figure import stick_figure
+from elastid.model.kinematics import frame_poses, stick_figure
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
 from elastid.report.figures.modes import mode_sketches

@@ -1,10 +1,23 @@
-"""Units and limits of a joint's motion are checked where the joint is described."""
+"""A joint has numbers, limits and units of its own; its motor's are on the motor side, its dry friction has one law."""
 
 from __future__ import annotations
 
 import pytest
 
-from elastid.robot import Joint, Limits, Spring
+from elastid.robot import Friction, Joint, Limits, Motor, Spring
+
+
+def test_coulomb_alone_is_coulombs_law_and_excludes_another() -> None:
+    assert Motor(1e-3).dry_friction is None
+    assert Motor(1e-3, coulomb=0.2).dry_friction == Friction(0.2)
+    with pytest.raises(ValueError, match="leave one out"):
+        Motor(1e-3, coulomb=0.2, friction=Friction(0.3))
+
+
+def test_the_spring_of_the_shaft_adds_its_names_and_is_linear() -> None:
+    assert set(Motor(1e-3, spring=Spring(10.0)).numbers("2")) == {"Jm_2", "fm_2", "km_2", "dm_2"}
+    with pytest.raises(ValueError, match="must be linear"):
+        Motor(1e-3, spring=Spring(10.0, cubic=1.0))
 
 
 def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:

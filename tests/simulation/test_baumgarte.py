@@ -13,9 +13,9 @@ from ruamel.yaml import YAML
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.closed_posture import assembled
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.model.parallel_linkage.closed_posture import assembled
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import BASE, Robot, unit_axis

@@ -14,8 +14,7 @@ from plants.artefacts import (
 )
 
 from elastid.fit.result import ModificationIndex
-from elastid.linear.linear_model import LinearModel, Slope
-from elastid.linear.measurement_chain import DifferenceElement, LagElement
+from elastid.linear.linear_model import DifferenceElement, LagElement, LinearModel, Slope
 from elastid.record import Configuration, HeldTorque
 from elastid.store.results import (
     read_comparison,

@@ -14,8 +14,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.result import FitResult
+from elastid.linear.linear_model import elements
 from elastid.linear.linearise import linearise
-from elastid.linear.measurement_chain import elements
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec

@@ -23,7 +23,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.experiment.specs.simulated import saturation_refusal
 from elastid.linear.equilibrium import OperatingPoint
-from elastid.linear.measurement_chain import LagElement, sensor_elements, torque_elements
+from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion

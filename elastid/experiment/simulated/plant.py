@@ -25,8 +25,8 @@ from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippl
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.linear.linear_model import torque_elements
 from elastid.linear.linearise import Linearisation
-from elastid.linear.measurement_chain import torque_elements
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate

@@ -38,7 +38,7 @@ from elastid.fit.result import ModificationIndex
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.hold_images import factor
+from elastid.linear.response.transfer import factor
 from elastid.parameters import Parameter, ParameterSet, Tie
 
 

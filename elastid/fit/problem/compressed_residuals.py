@@ -34,8 +34,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.linear.response.derivatives import Columns
-from elastid.linear.response.sensitivity import Sensitivity
+from elastid.linear.response.derivatives import Columns, Sensitivity
 
 BATCH = 16
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]

@@ -23,8 +23,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.model.closed_posture import assembled, followed
 from elastid.model.kinematics import frame_poses
-from elastid.model.parallel_linkage.closed_posture import assembled, followed
 from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import BASE, Compensator, Robot
 

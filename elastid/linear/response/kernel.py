@@ -12,7 +12,7 @@ an output adds c dC X. Gains of channels multiply all of it element by element. 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -22,9 +22,8 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.hold_images import HoldImages, factor, hold_images
 from elastid.linear.response.ldl import Elimination, Leaves
-from elastid.linear.response.sensitivity import RankOneTerms, rank_one_terms
+from elastid.linear.response.transfer import HoldImages, factor, hold_images
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -57,6 +56,47 @@ class Sides:
     columns: IntArray
     tilted: IntArray
     tilts: IntArray
+
+
+@dataclass(frozen=True)
+class RankOneTerms:
+    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (columns of Y), each (P_g, n_t).
+
+    members (P_g,): their places among the wanted parameters.
+    """
+
+    members: IntArray
+    power: IntArray
+    sigma: FloatArray
+    direction: IntArray
+
+
+def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
+    """Y (n, n_d) of the terms of all slopes (P), each direction once, and the slopes in groups of as many terms."""
+    parts: dict[int, list[tuple[int, float]]] = {}
+    directions: list[FloatArray] = []
+    for place, slope in enumerate(slopes):
+        for power, matrix in enumerate((slope.K, slope.D, slope.M)):
+            if matrix is None:
+                continue
+            eigenvalues, vectors = np.linalg.eigh(matrix)
+            for i in np.flatnonzero(np.abs(eigenvalues) > 1e-12 * np.abs(eigenvalues).max()):  # the rest is rounding
+                y = vectors[:, i]
+                leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
+                parts.setdefault(place, []).append((power, float(eigenvalues[i])))
+                directions.append(y if leading > 0 else -y)
+    stacked = np.array(directions).reshape(-1, n)
+    # A spring and its damper have the same direction: Y X is computed once for both.
+    _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
+    ends = np.cumsum([len(terms) for terms in parts.values()])
+    rows = dict(zip(parts, np.split(same.reshape(-1), ends[:-1]), strict=False))
+    groups = []
+    for count in sorted({len(terms) for terms in parts.values()}):
+        members = [place for place, terms in parts.items() if len(terms) == count]
+        powers = np.array([[power for power, _ in parts[place]] for place in members])
+        sigmas = np.array([[sigma for _, sigma in parts[place]] for place in members])
+        groups.append(RankOneTerms(np.array(members), powers, sigmas, np.array([rows[place] for place in members])))
+    return stacked[first].T, tuple(groups)
 
 
 @frozen_value(eq=False)

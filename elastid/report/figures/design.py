@@ -13,8 +13,7 @@ from elastid.base.arrays import FloatArray
 from elastid.design.forecast import QUANTITIES, UNITS, Forecast, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
-from elastid.model.kinematics import link_angles
-from elastid.model.stick_figure import StickKind, stick_figure
+from elastid.model.kinematics import StickKind, link_angles, stick_figure
 from elastid.record import Configuration
 from elastid.report.figures import style
 from elastid.robot import Robot

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.display import number
-from elastid.model.stick_figure import StickKind
+from elastid.model.kinematics import StickKind
 from elastid.report.figures import style
 from elastid.report.modes import ModeDrawing, ModeRow
 

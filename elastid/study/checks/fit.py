@@ -120,8 +120,8 @@ def check_moved_inertias(study: Study) -> Iterator[Problem]:
     if not _may_be_singular(robot):
         return
     # Brings the equations' library, which other studies do without here.
+    from elastid.model.closed_posture import assembled
     from elastid.model.kinematics import joint_without_inertia
-    from elastid.model.parallel_linkage.closed_posture import assembled
 
     # A simulated robot moves with the numbers of its file, one that was recorded with those of the fit.
     starting = robot if study.experiment.simulated is not None else _at_start(study)

@@ -31,8 +31,8 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DifferenceElement, elements
 from elastid.linear.linearise import linearise
-from elastid.linear.measurement_chain import DifferenceElement, elements
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space

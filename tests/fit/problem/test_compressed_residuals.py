@@ -18,7 +18,7 @@ from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.response.sensitivity import Sensitivity
+from elastid.linear.response.derivatives import Sensitivity
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate, serial
 from elastid.model.spec import ModelSpec

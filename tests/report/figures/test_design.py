@@ -13,8 +13,7 @@ from elastid.design.forecast import Forecast
 from elastid.design.limits import QUANTITIES, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Experiment
-from elastid.model.kinematics import link_angles
-from elastid.model.stick_figure import stick_figure
+from elastid.model.kinematics import link_angles, stick_figure
 from elastid.record import Configuration
 from elastid.report.figures.design import (
     configuration_sketches,

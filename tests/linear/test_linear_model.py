@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 
-from elastid.linear.linear_model import LinearModel
+from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, elements
 from elastid.linear.linearise import Linearisation
-from elastid.linear.measurement_chain import BUTTERWORTH, DifferenceElement, LagElement, elements
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space

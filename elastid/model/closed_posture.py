@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.model.parallel_linkage.loop_closure import RANK_TOLERANCE, Closure, closures
+from elastid.model.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
 
 
@@ -52,8 +52,8 @@ class Mechanism:
 
     def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
-        rows, Phi, _ = self.function.map(len(q))(q.T)
-        return np.array(rows.full().T), _stacked(Phi, len(q))
+        rows, Phi, _ = (part.full() for part in self.function.map(len(q))(q.T))
+        return np.array(rows.T), np.asarray(Phi.reshape(len(Phi), len(q), -1).transpose(1, 0, 2))
 
     def lever(self, q: FloatArray) -> float:
         """The longest way (m) that an end goes per radian of a passive joint, at q (n_l,)."""
@@ -106,9 +106,7 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
         if np.abs(parts.rows(q)[0]).max() <= LIMITS.gap:
             break
     q = q + _correction(parts, q)
-    if near is not None:
-        q = _moved(parts, q, near[None])
-    return _moved(parts, q, angles)
+    return _moved(parts, q if near is None else _moved(parts, q, near[None]), angles)
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
@@ -161,8 +159,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
             f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
             "or the `start` of its joints"
         )
-    locked = _locked(parts, start)
-    if locked:
+    if locked := _locked(parts, start):
         return (
             f"the loops lock {locked}, which cannot move without bending something; leave a joint of loop {loop} "
             "without motor and spring, or drop a constraint"
@@ -198,8 +195,7 @@ def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
     """Every passive joint follows the driven ones, and not by a lever that has folded up."""
     _, Phi = parts.rows(q[None])
-    locked = _locked(parts, q)
-    if locked:
+    if locked := _locked(parts, q):
         raise StudyError(
             f"the loops lock {locked}: no motion of the passive joints follows, so that only springs could give; leave "
             "a joint of the loop without motor and spring, or drop a constraint"
@@ -229,8 +225,3 @@ def _generic_rank(parts: Mechanism) -> int:
     q = random.uniform(-1.0, 1.0, (5, len(parts.robot.joints)))
     _, Phi = parts.rows(q)
     return int(max(np.linalg.matrix_rank(J[:, parts.passive], tol=RANK_TOLERANCE * np.abs(J).max()) for J in Phi))
-
-
-def _stacked(matrix: ca.DM, count: int) -> FloatArray:
-    full = matrix.full()
-    return np.asarray(full.reshape(full.shape[0], count, -1).transpose(1, 0, 2))

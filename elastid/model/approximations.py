@@ -20,11 +20,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.drivetrain import motor_coordinates
+from elastid.model.closed_posture import assembled
 from elastid.model.frame_tree import tree
+from elastid.model.loop_closure import Closure, elastic
 from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
-from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import Closure, elastic
 from elastid.model.spec import Variant
 from elastid.model.springs import Strain
 from elastid.robot import Loop, Robot
@@ -87,7 +86,7 @@ def _axes(robot: Robot) -> list[FloatArray]:
 
 def series_stiffness(robot: Robot, equations: Equations, loops: Sequence[Closure], constant: bool) -> Equations:
     """The gear springs of levers with those of their elastic rods in series; constant: as at the start posture."""
-    theta, motor = by_name(equations), motor_coordinates(robot)
+    theta = by_name(equations)
     for closure in elastic(loops):
         lever = _lever(robot, closure.loop)
         joint, name = robot.joints[lever].name, closure.loop.name
@@ -100,7 +99,7 @@ def series_stiffness(robot: Robot, equations: Equations, loops: Sequence[Closure
         k_eff = k * k_rod / (k + k_rod)
         d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
         across = ca.DM(len(equations.coordinates), 1)
-        across[motor[joint]], across[lever] = 1, -1
+        across[equations.coordinates.index(f"motor {joint}")], across[lever] = 1, -1
         deflection = ca.dot(across, equations.q)
         equations = with_energies(
             equations, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T)

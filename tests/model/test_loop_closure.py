@@ -15,9 +15,9 @@ from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
+from elastid.model.closed_posture import rates
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.model.parallel_linkage.closed_posture import rates
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Anchor, Body, Joint, Loop, Motor, Pin, Placement, Robot, Rod, Spring
