@@ -31,9 +31,16 @@ from elastid.store.measured import read_responses
 from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
-from elastid.validation.comparison import ComparedModel, Comparison, Elastic, Refit, Trial
-from elastid.validation.cross_validation import divide
-from elastid.validation.elasticity_search import describe_search, search
+from elastid.validation.comparison import (
+    ComparedModel,
+    Comparison,
+    Elastic,
+    Refit,
+    Trial,
+    describe_search,
+    divide,
+    search,
+)
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"

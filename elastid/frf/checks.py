@@ -25,9 +25,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, pooled
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, described_lines, smoothed_noise
-from elastid.frf.matrices import inverse, squared_magnitude
+from elastid.frf.matrices import adjoint, inverse, squared_magnitude
 from elastid.frf.methods import AVERAGED
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import FrequencyResponse
@@ -77,20 +77,19 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
                 )
 
 
-def refuse_single_period(records: Sequence[Record], method: str) -> None:
-    """DataError where a record holds less than two periods, which leave no noise level."""
+def refuse_few(records: Sequence[Record], groups: Sequence[Sequence[Record]], method: str) -> None:
+    """DataError where a record holds less than two periods, which leave no noise level, or experiments are too few.
+
+    groups: the records by realisation, each of which needs as many as there are inputs, but for a method that pools.
+    """
+    first = groups[0][0]
+    n_u = len(first.inputs)
     short = [record.name for record in records if record.n_samples < 2 * record.repeat_samples]
     if short:
         raise DataError(
-            f"records {', '.join(short)} of configuration {records[0].configuration.name} hold one period, method "
+            f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
             f"{method} needs two; measure more, or take estimator.method local_rational"
         )
-
-
-def refuse_few_experiments(groups: Sequence[Sequence[Record]], method: str) -> None:
-    """DataError where a realisation, or all of them for a method that pools them, has too few experiments."""
-    first = groups[0][0]
-    n_u = len(first.inputs)
     if method in AVERAGED:
         counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
     else:
@@ -104,28 +103,34 @@ def refuse_few_experiments(groups: Sequence[Sequence[Record]], method: str) -> N
             )
 
 
-def separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
+def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Flags (F,) of the lines with separate inputs: in every realisation if each gives a response, else in all of them.
 
     Raises DataError where there is no such line.
     """
     if method in AVERAGED:
-        return np.asarray(np.all([_separated(*pair) for pair in zip(blocks, groups, strict=True)], axis=0))
-    return _separated(pooled(blocks), groups[0])
+        return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
+    return _separated(data.every, groups[0])
 
 
 def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     """Flags (F,) of the lines where every combination of the inputs stands out of the noise; DataError without any."""
-    rms, (_, n_u, E) = block.input_rms, block.U.shape
+    F, n_u, E = block.U.shape
+    squares = squared_magnitude(block.U)
+    rms = np.sqrt(np.mean(squares, axis=(0, 2)))
+    rms = np.where(rms > 0, rms, 1.0)
     of_mean = block.input_noise * np.mean(1 / block.periods)
     noise = MIN_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
-    total = squared_magnitude(block.U).sum(axis=2) @ (1 / (E * rms**2))
+    total = squares.sum(axis=2) @ (1 / (E * rms**2))
     least = np.maximum(noise, LIMITS.power_ratio * total)
-    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
-    separated = _weakest_at_least(block, least)
+    try:
+        # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
+        separated = np.asarray(least * (E * (squared_magnitude(block.W).reshape(-1, E * n_u) @ np.tile(rms**2, E))) < 1)
+    except np.linalg.LinAlgError:
+        separated = np.zeros(F, dtype=np.bool_)
     doubtful = np.flatnonzero(~separated)
     U = block.U[doubtful]
-    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms)))
+    power = np.linalg.eigvalsh(U @ adjoint(U) / (E * np.outer(rms, rms)))
     separated[doubtful] = power[:, 0] > least[doubtful]
     if not separated.any():
         record = group[0]
@@ -138,29 +143,13 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     return separated
 
 
-def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
-    """Flags (F,) of the lines where 1 / tr(S_U^-1) exceeds the least power; none where some matrix has no inverse."""
-    try:
-        E, n_u = block.W.shape[1:]
-        trace = E * (squared_magnitude(block.W).reshape(-1, E * n_u) @ np.tile(block.input_rms**2, E))
-    except np.linalg.LinAlgError:
-        return np.zeros(len(least), dtype=np.bool_)
-    return np.asarray(least * trace < 1)
-
-
-def left_out_note(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
-    """A note on the lines (F,) without separate inputs; DataError where no other line is left."""
-    names = f"lines {described_lines(lines, record)}"
-    if not some_are_left:
-        raise DataError(
-            f"configuration {record.configuration.name}: no line has separate inputs in every realisation: {names} are "
-            "lost in one or another; measure the weak realisations again"
-        )
-    return Note(
-        "lines-left-out",
-        f"{names} are left out: some combination of the inputs is less than 6 dB above its noise there, so that "
-        "outputs cannot be traced to inputs",
+def left_out_note(lines: IntArray, record: Record) -> Note:
+    """A note on the lines (F,) without separate inputs."""
+    text = (
+        f"lines {described_lines(lines, record)} are left out: some combination of the inputs is less than 6 dB above "
+        "its noise there, so that outputs cannot be traced to inputs"
     )
+    return Note("lines-left-out", text)
 
 
 def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
@@ -169,13 +158,11 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     for m in range(1, len(blocks)):
         a, b = (block.U[:: -(-len(block.U) // LIMITS.lines)] for block in (blocks[m - 1], blocks[m]))
         if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.phase_difference * np.linalg.norm(a):
-            notes.append(
-                Note(
-                    "same-phases",
-                    f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
-                    "so the total variance misses the nonlinear distortion; draw new phases for every realisation",
-                )
+            text = (
+                f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
+                "so the total variance misses the nonlinear distortion; draw new phases for every realisation"
             )
+            notes.append(Note("same-phases", text))
     return notes
 
 
@@ -186,14 +173,11 @@ def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
     if not exchanged:
         return _sign_notes(response, places)
     pairs = ", ".join(f"y at {place} answers to u at {driven}" for place, driven in exchanged.items())
-    return (
-        Note(
-            "exchanged-channels",
-            f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
-            f"at {', '.join(exchanged)}",
-            f"configuration {response.configuration.name}",
-        ),
+    text = (
+        f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
+        f"at {', '.join(exchanged)}"
     )
+    return (Note("exchanged-channels", text, f"configuration {response.configuration.name}"),)
 
 
 def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
@@ -202,7 +186,9 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     columns = [response.inputs.index(place) for place in places]
     G = response.G[-max(1, round(LIMITS.highest_share * response.n_lines)) :][:, rows][:, :, columns]
     # Relative gains do not depend on scales; without this, units could make the matrix look singular.
-    G = G / _geometric_scale(G)
+    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
+    of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
+    G = G / (of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0)))
     try:
         inverse_G = inverse(G)
     except np.linalg.LinAlgError:
@@ -224,38 +210,27 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
 
 
-def _geometric_scale(G: ComplexArray) -> FloatArray:
-    """Scales (n, n) of outputs times inputs."""
-    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
-    of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
-    return np.asarray(of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0)))
-
-
 def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, ...]:
     """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
     notes = []
     few = slice(None, None, -(-response.n_lines // LIMITS.lines))
-    freq_hz, order = response.freq_hz[few], MOTION_ORDER["velocity"] - MOTION_ORDER[response.quantity]
-    j_omega = 2j * np.pi * freq_hz
+    freq_hz, covariance = response.freq_hz[few], response.uncertainty
+    j_omega, order = 2j * np.pi * freq_hz, MOTION_ORDER["velocity"] - MOTION_ORDER[response.quantity]
     for name in places:
         j, i = response.outputs.index(name), response.inputs.index(name)
         velocity = response.G[few, j, i] * j_omega**order
-        covariance = response.uncertainty
         variance = np.zeros(len(velocity)) if covariance is None else covariance.variance[few, j, i]
         # Half of the variance is in the real part.
         std = np.sqrt(variance / 2) * np.abs(j_omega) ** order
         as_is, _ = _passive_lines(freq_hz, velocity, std)
         turned, negative = _passive_lines(freq_hz, -velocity, std)
         if turned - as_is >= LIMITS.passive_lines and turned > 2 * as_is:
-            notes.append(
-                Note(
-                    "wrong-sign",
-                    f"the sign of y or of u at {name} looks wrong: Re(velocity/torque) is negative beyond noise at "
-                    f"{negative} of {len(std)} lines, so the motor would be driven by its load; check sign, scale and "
-                    "gear ratio of its channels",
-                    f"configuration {response.configuration.name}",
-                )
+            text = (
+                f"the sign of y or of u at {name} looks wrong: Re(velocity/torque) is negative beyond noise at "
+                f"{negative} of {len(std)} lines, so the motor would be driven by its load; check sign, scale and "
+                "gear ratio of its channels"
             )
+            notes.append(Note("wrong-sign", text, f"configuration {response.configuration.name}"))
     return tuple(notes)
 
 

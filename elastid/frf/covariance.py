@@ -14,38 +14,37 @@ Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
+from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
 
-def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
+def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
     n_y = G.shape[1]
 
     def of_lines(part: slice) -> ComplexArray:
-        S, B = scatter.S_Z[part], adjoint(G[part])
+        S, B = data.S_Z[part], adjoint(G[part])
         cross = S[:, :n_y, n_y:] @ B
-        return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G[part] @ (S[:, n_y:, n_y:] @ B)) / scatter.dof)
+        return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G[part] @ (S[:, n_y:, n_y:] @ B)) / data.dof)
 
     return in_parts(len(G), of_lines)
 
 
-def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
+def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
     """Covariance of vec G by the disturbing noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
-    P = np.concatenate([block.periods for block in blocks])
+    P = data.periods
     if np.ptp(P) == 0:
-        return kronecker(estimate.left / P[0], C_V, dof)
-    weighted = [W / np.sqrt(block.periods[:, None]) for block, W in zip(blocks, estimate.W, strict=True)]
-    return kronecker(replace(estimate, W=tuple(weighted)).left, C_V, dof)
+        return kronecker(estimate.left / P[0], C_V, data.dof)
+    weighted = [W / np.sqrt(block.periods[:, None]) for block, W in zip(data.blocks, estimate.W, strict=True)]
+    return kronecker(replace(estimate, W=tuple(weighted)).left, C_V, data.dof)
 
 
 def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
@@ -63,22 +62,22 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     if len(data.blocks) < 2 or n_u >= K:
         return None
     expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
-    D_squared = added_error_products([block.Y for block in data.blocks], estimate.G, [block.U for block in data.blocks])
+    D_squared = added_error_products(data.Y, estimate.G, data.U)
     D_squared /= expected[:, None, None]
     return D_squared, K - n_u
 
 
-def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
+def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
     """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
     The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it
     does not assume the same disturbance in every experiment.  With fewer its inverse is useless.
     """
     _, n_y, n_u = estimate.G.shape
-    M = len(blocks)
-    if n_u == 1 or 2 * n_y * n_u > M - 1 or any(block.U.shape[2] < n_u for block in blocks):
+    M = len(data.blocks)
+    if n_u == 1 or 2 * n_y * n_u > M - 1 or any(U.shape[2] < n_u for U in data.U):
         return kronecker(estimate.left, C_T, dof)
-    D = np.stack([block.Y @ block.W for block in blocks])
+    D = np.stack([block.Y @ block.W for block in data.blocks])
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(len(estimate.G), -1, M)
     return full_covariance(vec @ adjoint(vec) / (M - 1) / M, estimate.G.shape, M - 1)
@@ -115,7 +114,7 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
     return Covariance(variance, dof, matrix=matrix)
 
 
-def form_notes(noise: Covariance, total: Covariance | None) -> list[Note]:
+def form_notes(noise: Covariance | None, total: Covariance | None) -> list[Note]:
     """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
     notes = []
     for name, covariance in (("noise", noise), ("total", total)):

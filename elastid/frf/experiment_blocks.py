@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -28,13 +27,14 @@ BATCH = 8  # of `scatter.c`
 
 
 class FullSum:
-    """S (F, n, n) as it is."""
+    """The scatter of the periods of one experiment after the other: S (F, n, n) before its scale (F, n), as it is."""
 
     # The spectra of so many lines, in all periods of a record, fit into the processor's cache.
     lines_at_once = 256
 
-    def __init__(self, F: int, n: int) -> None:
-        self.S: ComplexArray = np.zeros((F, n, n), np.complex128)
+    def __init__(self, scale: ComplexArray) -> None:
+        self.scale, self.dof = scale, 0
+        self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), np.complex128)
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
         """Adds the scatter of z (P, f, n) at some lines; returns its mean (f, n)."""
@@ -45,13 +45,13 @@ class FullSum:
         return np.asarray(mean)
 
     def power(self) -> FloatArray:
-        """The diagonal (F, n)."""
-        return np.asarray(np.einsum("fii->fi", self.S).real)
+        """Sum (F, n) over periods of |Z - mean|^2."""
+        return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
 
-    def collect(self, scale: ComplexArray) -> ComplexArray:
-        """scale_i conj(scale_j) S_ij (F, n, n), scale (F, n); S itself is overwritten."""
-        self.S *= scale[:, :, None]
-        self.S *= scale[:, None, :].conj()
+    def collected(self) -> ComplexArray:
+        """Sum (F, n, n) over periods of (Z - mean)(Z - mean)^H; S itself is overwritten."""
+        self.S *= self.scale[:, :, None]
+        self.S *= self.scale[:, None, :].conj()
         return self.S
 
 
@@ -60,8 +60,8 @@ class PackedSum:
 
     lines_at_once = 1 << 14
 
-    def __init__(self, F: int, n: int) -> None:
-        self.F, self.n = F, n
+    def __init__(self, scale: ComplexArray) -> None:
+        self.scale, self.dof, (F, n) = np.asfortranarray(scale), 0, scale.shape
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
@@ -74,56 +74,42 @@ class PackedSum:
 
     def power(self) -> FloatArray:
         """As `FullSum.power`."""
-        i = np.arange(self.n)
-        diagonal = self.S[:, i * self.n - i * (i - 1) // 2, 0]
-        return np.asarray(diagonal.transpose(0, 2, 1).reshape(-1, self.n)[: self.F])
+        F, n = self.scale.shape
+        i = np.arange(n)
+        diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
+        return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
-    def collect(self, scale: ComplexArray) -> ComplexArray:
-        """As `FullSum.collect`."""
-        S = np.empty((self.F, self.n, self.n), np.complex128)
-        call("collect", self.F, self.n, self.S, scale, S)
+    def collected(self) -> ComplexArray:
+        """As `FullSum.collected`."""
+        S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
+        call("collect", *self.scale.shape, self.S, self.scale, S)
         return S
 
 
-class ScatterSum:
-    """The scatter of the periods of one experiment after the other, before its scale (F, n); one array in memory."""
+def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> ComplexArray:
+    """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).
 
-    def __init__(self, scale: ComplexArray) -> None:
-        self.scale, self.dof = np.asfortranarray(scale), 0
-        self._sum = (PackedSum if is_compiled() else FullSum)(*scale.shape)
-
-    def add(self, groups: Iterable[PeriodSpectra]) -> ComplexArray:
-        """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).
-
-        Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979), which is
-        the scatter of two periods, one on either side.
-        """
-        F, n_channels = self.scale.shape
-        mean, n = np.zeros((n_channels, F), np.complex128).T, 0
-        for spectra in groups:
-            p = len(spectra.periods)
-            if not p:
-                continue
-            for first in range(0, F, self._sum.lines_at_once):
-                part = slice(first, first + self._sum.lines_at_once)
-                of_group = self._sum.add(part, spectra.z[:, part])
-                if n:
-                    apart = of_group - mean[part]
-                    side = np.sqrt(n * p / (n + p) / 2) * apart
-                    self._sum.add(part, np.stack([side, -side]))
-                    of_group = mean[part] + p / (n + p) * apart
-                mean[part] = of_group
-            n += p
-        self.dof += n - 1
-        return mean * self.scale
-
-    def power(self) -> FloatArray:
-        """Sum (F, n) over periods of |Z - mean|^2."""
-        return np.asarray(self._sum.power() * np.abs(self.scale) ** 2)
-
-    def collected(self) -> ComplexArray:
-        """Sum (F, n, n) over periods of (Z - mean)(Z - mean)^H."""
-        return self._sum.collect(self.scale)
+    Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979), which is
+    the scatter of two periods, one on either side.
+    """
+    F, n_channels = sums.scale.shape
+    mean, n = np.zeros((n_channels, F), np.complex128).T, 0
+    for spectra in groups:
+        p = len(spectra.periods)
+        if not p:
+            continue
+        for first in range(0, F, sums.lines_at_once):
+            part = slice(first, first + sums.lines_at_once)
+            of_group = sums.add(part, spectra.z[:, part])
+            if n:
+                apart = of_group - mean[part]
+                side = np.sqrt(n * p / (n + p) / 2) * apart
+                sums.add(part, np.stack([side, -side]))
+                of_group = mean[part] + p / (n + p) * apart
+            mean[part] = of_group
+        n += p
+    sums.dof += n - 1
+    return mean * sums.scale
 
 
 # Periods of a large record are compared in so many values: 32 MB.
@@ -153,46 +139,35 @@ class Block:
             return inverse(self.U)
         return adjoint(self.U) @ inverse(self.U @ adjoint(self.U))
 
-    @cached_property
-    def input_rms(self) -> FloatArray:
-        """RMS (n_u,) of each input over lines and experiments; 1 for one that is zero."""
-        rms = np.sqrt(np.mean(squared_magnitude(self.U), axis=(0, 2)))
-        return np.where(rms > 0, rms, 1.0)
-
     def on(self, lines: BoolArray) -> Block:
         """The same on some of its lines (F,)."""
-        if lines.all():
-            return self
         R = None if self.R is None else self.R[lines]
         return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U]; expectation dof C_Z."""
-
-    S_Z: ComplexArray
-    dof: int
-
-    def on(self, lines: BoolArray) -> Scatter:
-        """The same on some of its lines (F,)."""
-        return self if lines.all() else Scatter(self.S_Z[lines], self.dof)
-
-    @property
-    def C_Z(self) -> ComplexArray:
-        """Covariance of [Y; U] in one period."""
-        return self.S_Z / self.dof
-
-
-@dataclass(frozen=True)
 class MeanSpectra:
-    """A block for each realisation, the scatter of all their periods, and notes on the periods left out."""
+    """A block for each realisation, the scatter of all their periods, and notes on the periods left out.
+
+    S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U], of expectation dof C_Z.
+    """
 
     blocks: tuple[Block, ...]
-    scatter: Scatter
+    S_Z: ComplexArray
+    dof: int
     notes: tuple[Note, ...] = ()
 
+    @cached_property
+    def U(self) -> tuple[ComplexArray, ...]:
+        """Of each block."""
+        return tuple(block.U for block in self.blocks)
+
     @property
+    def Y(self) -> tuple[ComplexArray, ...]:
+        """Of each block."""
+        return tuple(block.Y for block in self.blocks)
+
+    @cached_property
     def periods(self) -> FloatArray:
         """Number of periods (K,) of each of the K experiments."""
         return np.concatenate([block.periods for block in self.blocks])
@@ -200,67 +175,81 @@ class MeanSpectra:
     @cached_property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u) of all experiments."""
-        U = [block.U for block in self.blocks]
-        return added_cross_products(U, U)
+        return added_cross_products(self.U, self.U)
 
     @property
     def output_powers(self) -> tuple[FloatArray, FloatArray]:
         """Sums (F, n_y) over experiments of |Y|^2, and of P |Y|^2."""
-        powers = [squared_magnitude(power.Y) for power in self.blocks]
+        powers = [squared_magnitude(Y) for Y in self.Y]
         plain: FloatArray = np.sum([power.sum(axis=2) for power in powers], axis=0)
         if np.ptp(self.periods) == 0:
             return plain, self.periods[0] * plain
         return plain, np.sum([power @ block.periods for power, block in zip(powers, self.blocks, strict=True)], axis=0)
 
-    def of_periods(self, name: Literal["Y", "U"]) -> ComplexArray:
-        """Sum over experiments of P Y U^H (F, n_y, n_u), or of P U U^H (F, n_u, n_u), P periods each."""
-        U, X = [block.U for block in self.blocks], [getattr(block, name) for block in self.blocks]
+    def of_periods(self, X: Sequence[ComplexArray]) -> ComplexArray:
+        """Sum over experiments of P X U^H, P periods each; X: Y or U of each block."""
         if np.ptp(self.periods) > 0:
-            return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], U)
-        UX = self.UU if name == "U" else added_cross_products(X, U)
-        return np.asarray(self.periods[0] * UX)
+            return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], self.U)
+        return np.asarray(self.periods[0] * (self.UU if X is self.U else added_cross_products(X, self.U)))
 
     @cached_property
     def every(self) -> Block:
         """All experiments of all realisations as one block."""
-        return pooled(self.blocks)
+        if len(self.blocks) == 1:
+            return self.blocks[0]
+        R = [block.R for block in self.blocks if block.R is not None]
+        dof = sum(block.dof for block in self.blocks)
+        return Block(
+            U=np.concatenate(self.U, axis=2),
+            Y=np.concatenate(self.Y, axis=2),
+            R=np.concatenate(R, axis=2) if len(R) == len(self.blocks) else None,
+            periods=self.periods,
+            input_noise=np.sum([block.dof / dof * block.input_noise for block in self.blocks], axis=0),
+            dof=dof,
+        )
 
     def on(self, lines: BoolArray) -> MeanSpectra:
         """The same on some of its lines (F,)."""
-        return MeanSpectra(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
+        if lines.all():
+            return self
+        return replace(self, blocks=tuple(block.on(lines) for block in self.blocks), S_Z=self.S_Z[lines])
 
 
 def gather_spectra(
     realisations: Sequence[Sequence[RecordSpectra]],
     lines: IntArray,
-    detection: IntArray,
+    excited: BoolArray,
     spec: EstimatorSpec,
     with_reference: bool,
     total: TotalError | None = None,
 ) -> MeanSpectra:
-    """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
+    """Mean spectra at lines (F,) in order, of one record after another.
 
-    The excited lines decide which periods can be trusted.  with_reference: the spectra of r are needed, too.
-    total: the error of an estimate before, against which transients are judged.
+    excited (F,): of the lines; they decide which periods can be trusted.  with_reference: the spectra of r are needed,
+    too.  total: the error of an estimate before, against which transients are judged.
     """
-    everywhere = np.union1d(lines, detection)
-    excited = np.isin(everywhere, lines)
-    sums = ScatterSum(amplitude_scale(realisations[0][0].record, everywhere, spec.quantity))
+    sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
     notes: list[Note] = []
     for group in realisations:
-        power, dof = sums.power(), sums.dof
-        Z = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128)
-        R, periods = [], []
-        for spectra, of_experiment in zip(group, Z, strict=True):
-            used, mean = _mean(spectra, everywhere, excited, spec, total, sums)
+        power, dof, n_y = sums.power(), sums.dof, len(group[0].record.outputs)
+        Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
+        for i, spectra in enumerate(group):
+            used, mean = _mean(spectra, lines, excited, spec, total, sums)
             notes += used.notes
-            periods.append(len(used.periods))
-            of_experiment[:] = mean.T
-            R.append(reference_spectrum(spectra, everywhere) if with_reference else None)
-        noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
-        blocks.append(_block(Z, R, periods, noise, sums.dof - dof))
-    return MeanSpectra(tuple(blocks), Scatter(sums.collected(), sums.dof), tuple(notes))
+            periods[i], Z[i] = len(used.periods), mean.T
+        R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
+        known = [spectrum for spectrum in R if spectrum is not None]
+        block = Block(
+            U=Z[:, n_y:].transpose(2, 1, 0),
+            Y=Z[:, :n_y].transpose(2, 1, 0),
+            R=np.stack(known, axis=2) if len(known) == len(group) else None,
+            periods=periods,
+            input_noise=(sums.power() - power)[:, n_y:] / (sums.dof - dof),
+            dof=sums.dof - dof,
+        )
+        blocks.append(block)
+    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes))
 
 
 def _mean(
@@ -269,50 +258,19 @@ def _mean(
     excited: BoolArray,
     spec: EstimatorSpec,
     total: TotalError | None,
-    sums: ScatterSum,
+    sums: FullSum | PackedSum,
 ) -> tuple[PeriodSpectra, ComplexArray]:
     """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
         used = trusted(every.on(excited), spec, total)
-        return used, sums.add([every.only(used.periods)])
+        return used, add_periods(sums, [every.only(used.periods)])
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
-    record = spectra.record
-    values = record.n_repeats * sums.scale.shape[1]
+    values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     few = lines[excited][::step]
     used = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
-    return used, sums.add(group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
-
-
-def _block(
-    Z: ComplexArray, R: Sequence[ComplexArray | None], periods: Sequence[int], input_noise: FloatArray, dof: int
-) -> Block:
-    """The block of mean spectra Z (E, n_y + n_u, F), which stay where they are in memory."""
-    n_y = Z.shape[1] - input_noise.shape[1]
-    known = [spectrum for spectrum in R if spectrum is not None]
-    return Block(
-        U=Z[:, n_y:].transpose(2, 1, 0),
-        Y=Z[:, :n_y].transpose(2, 1, 0),
-        R=np.stack(known, axis=2) if len(known) == len(R) else None,
-        periods=np.array(periods, dtype=np.float64),
-        input_noise=input_noise,
-        dof=dof,
-    )
-
-
-def pooled(blocks: Sequence[Block]) -> Block:
-    """The same for some blocks."""
-    if len(blocks) == 1:
-        return blocks[0]
-    R = [block.R for block in blocks if block.R is not None]
-    dof = sum(block.dof for block in blocks)
-    return Block(
-        U=np.concatenate([block.U for block in blocks], axis=2),
-        Y=np.concatenate([block.Y for block in blocks], axis=2),
-        R=np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
-        periods=np.concatenate([block.periods for block in blocks]),
-        input_noise=np.sum([block.dof / dof * block.input_noise for block in blocks], axis=0),
-        dof=dof,
+    return used, add_periods(
+        sums, (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
     )

@@ -17,9 +17,10 @@ from elastid.record import Record
 MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
 
 
-def lines_are_known(spec: EstimatorSpec, planned: IntArray | None) -> bool:
-    """True if lines are stated or planned, so that no spectrum is searched for them."""
-    return spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
+def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
+    """Of each record; with its driver, in which the excited lines are found, where they are not stated or planned."""
+    known = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
+    return [RecordSpectra(record) if known else RecordSpectra(record).with_driver() for record in records]
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
@@ -108,12 +109,7 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
         # The first period holds the transient, if there are more than two.
         P = record_spectra.record.n_repeats
         left_out = 1 if P > 2 else 0
-        if record_spectra.is_large:
-            mean, noise_of_mean = _in_groups(record_spectra, lines, left_out)
-        else:
-            U = record_spectra.amplitudes(record_spectra.driver_role, lines)[left_out:]
-            mean = U.mean(axis=0)
-            noise_of_mean = np.sum(np.abs(U - mean) ** 2, axis=0) / max(len(U) - 1, 1) / len(U)
+        mean, noise_of_mean = _mean_driver(record_spectra, lines, left_out)
         power.append(np.abs(mean) ** 2)
         noise.append(noise_of_mean)
         dof += P - left_out - 1
@@ -122,14 +118,14 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
     return np.sum(power, axis=0) @ (1 / total), smoothed_noise(np.sum(noise, axis=0) @ (1 / total), max(dof, 1))
 
 
-def _in_groups(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
-    """Mean (F, c) of the driver's amplitudes over periods and its variance, from some periods at a time.
+def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
+    """Mean (F, c) of the driver's amplitudes over periods and its variance; of a large record some periods at a time.
 
     Sums of squares about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979).
     """
     n, mean, squares = 0, np.zeros(0, dtype=np.complex128), np.zeros(0)
-    for group in spectra.dft_groups(spectra.driver_role):
-        X = group[left_out:, lines] * (2 / spectra.record.repeat_samples)
+    for group in spectra.dft_at((spectra.driver_role,), lines):
+        X = group[left_out:] * (2 / spectra.record.repeat_samples)
         left_out = max(0, left_out - len(group))
         if not len(X):
             continue

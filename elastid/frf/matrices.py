@@ -81,7 +81,9 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
         return in_parts(F, of_lines)
     total = np.empty((F, n, n), np.complex128)
-    call("sum_of_errors", F, n, m, len(Y), _columns(Y), _places(Y), _places([G]), _places(U), total)
+    call(
+        "sum_of_errors", F, n, m, len(Y), np.array([y.shape[2] for y in Y]), _places(Y), _places([G]), _places(U), total
+    )
     return total
 
 
@@ -133,12 +135,10 @@ def _cut(A: ComplexArray, part: slice) -> ComplexArray:
 def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
     """Sum over blocks of A B^H, or of A B^T where sign is -1."""
     total = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
-    call("sum_of_products", *total.shape, len(A), _columns(A), _places(A), _places(B), sign, total)
+    call(
+        "sum_of_products", *total.shape, len(A), np.array([a.shape[2] for a in A]), _places(A), _places(B), sign, total
+    )
     return total
-
-
-def _columns(stacks: Stacks) -> IntArray:
-    return np.array([stack.shape[2] for stack in stacks])
 
 
 def _places(stacks: Stacks) -> IntArray:

@@ -1,8 +1,7 @@
 r"""The estimators of the field: one function each, from the blocks of all realisations to G (F, n_y, n_u).
 
-Each takes blocks and the scatter of [Y; U] over their periods, of which only `errors_in_variables` needs the
-covariance C_Z in one period, and returns G with its weights W_m and their share s, so that to first order in the
-equation error V = Y - G U
+Each takes the mean spectra, and of the scatter of [Y; U] over their periods only `errors_in_variables` the covariance
+C_Z in one period, and returns G with its weights W_m and their share s, so that to first order in V = Y - G U
 
 .. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
@@ -13,7 +12,7 @@ Maia and Silva, Theoretical and Experimental Modal Analysis, 1997.)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -22,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, Scatter, pooled
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
 
 
@@ -42,73 +41,77 @@ class Estimate:
         return self.share**2 * added_cross_products(W, W)
 
 
-Estimator: TypeAlias = Callable[[Sequence[Block], Scatter], Estimate]
+Estimator: TypeAlias = Callable[[MeanSpectra], Estimate]
 
 
-def arithmetic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def arithmetic(data: MeanSpectra) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
-    W, share = _mean_weights(blocks)
-    return Estimate(share * added_products([block.Y for block in blocks], W), W, share=share)
+    W, share = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
+    return Estimate(share * added_products(data.Y, W), W, share=share)
 
 
-def harmonic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def harmonic(data: MeanSpectra) -> Estimate:
     """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
-    _square(blocks, "harmonic")
-    W, share = _mean_weights(blocks)
-    return Estimate(harmonic_mean(_each(blocks)), W, share=share)
+    _refuse_oblong(data, "harmonic")
+    return replace(arithmetic(data), G=harmonic_mean(_each(data.blocks)))
 
 
-def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def logarithmic(data: MeanSpectra) -> Estimate:
     """G = exp((1/M) sum_m log G_m) element by element where G_m stands 8 dB above its scatter, arithmetic elsewhere.
 
     The logarithm of an element that is zero or below the noise means nothing.
     """
-    G, (W, share) = _each(blocks), _mean_weights(blocks)
+    G = _each(data.blocks)
     safe = log_is_safe(G)
-    mean = arithmetic_mean(G)
     note = Note(
         "logarithmic-mean",
         f"logarithmic mean at {100 * safe.mean():.3g} % of lines and elements, arithmetic where an element is less "
         "than 8 dB above its scatter over the realisations",
         severity="information",
     )
-    return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,), share)
+    mean = np.where(safe, logarithmic_mean(G), arithmetic_mean(G))
+    return replace(arithmetic(data), G=mean, notes=() if safe.all() else (note,))
 
 
-def h1(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def h1(data: MeanSpectra) -> Estimate:
     """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
-    return _instrumental(blocks, [block.U for block in blocks])
+    return _instrumental(data, data.U)
 
 
-def h2(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def h2(data: MeanSpectra) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
-    _square(blocks, "h2")
-    return _instrumental(blocks, [block.Y for block in blocks])
+    _refuse_oblong(data, "h2")
+    return _instrumental(data, data.Y)
 
 
-def joint(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def joint(data: MeanSpectra) -> Estimate:
     """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
-    R = [block.R for block in blocks if block.R is not None]
-    if len(R) < len(blocks):
+    R = [block.R for block in data.blocks if block.R is not None]
+    if len(R) < len(data.blocks):
         raise DataError("estimator.method joint needs the injected torque r of every record; take arithmetic")
-    return _instrumental(blocks, R)
+    return _instrumental(data, R)
 
 
-def hv(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def hv(data: MeanSpectra) -> Estimate:
     """Total least squares of each output: as much noise on it as on every input, in their units."""
-    every = pooled(blocks)
-    G = np.empty((len(every.U), every.Y.shape[1], every.U.shape[1]), dtype=np.complex128)
-    for i in range(every.Y.shape[1]):
-        Z = np.concatenate([every.Y[:, i : i + 1], every.U], axis=1)
-        # v^H z is smallest for the weakest direction v.
-        v = np.linalg.eigh(Z @ adjoint(Z))[1][:, :, 0].conj()
-        if not v[:, 0].all():
-            raise np.linalg.LinAlgError("the weakest direction has no part of the output")
-        G[:, i] = -v[:, 1:] / v[:, :1]
-    return Estimate(G, _least_squares_weights(blocks))
+    Y, U = data.every.Y, data.every.U
+    Z = [np.concatenate([Y[:, i : i + 1], U], axis=1) for i in range(Y.shape[1])]
+    rows = [of_weakest_direction(each @ adjoint(each)) for each in Z]
+    return replace(h1(data), G=np.stack(rows, axis=1))
 
 
-def errors_in_variables(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
+def of_weakest_direction(S: ComplexArray) -> ComplexArray:
+    """The row (F, n_u) of G by the weakest direction v of [y; u], v^H z = 0, from its spectra S (F, 1 + n_u, 1 + n_u).
+
+    Raises LinAlgError where that direction has no part of y.
+    """
+    v = np.linalg.eigh(S)[1][:, :, 0].conj()
+    if not v[:, 0].all():
+        raise np.linalg.LinAlgError("the weakest direction has no part of the output")
+    return np.asarray(-v[:, 1:] / v[:, :1])
+
+
+def errors_in_variables(data: MeanSpectra) -> Estimate:
     r"""Maximum likelihood with the noise of inputs and outputs from the periods: generalised total least squares.
 
     .. math:: \hat G = \arg\min_G \sum_e P_e\, V_e^H (\Gamma C_Z \Gamma^H)^{-1} V_e, \quad \Gamma = [1, -G]
@@ -116,22 +119,20 @@ def errors_in_variables(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     Whitened by C_Z, [Y; U] spans the n_u strongest directions Q: G = Q_y Q_u^-1.
     (Pintelon and Schoukens, System Identification, 2nd ed., chapter 9, for a nonparametric G.)
     """
-    every = pooled(blocks)
-    n_y, n_u = every.Y.shape[1], every.U.shape[1]
-    Z = np.concatenate([every.Y, every.U], axis=1) * np.sqrt(every.periods)
+    Y, U = data.every.Y, data.every.U
+    n_y, n_u = Y.shape[1], U.shape[1]
+    Z = np.concatenate([Y, U], axis=1) * np.sqrt(data.periods)
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
     rms[rms == 0] = 1.0
-    Z, noise = Z / rms[:, :, None], scatter.C_Z / (rms[:, :, None] * rms[:, None, :])
+    Z, noise = Z / rms[:, :, None], data.S_Z / data.dof / (rms[:, :, None] * rms[:, None, :])
     L = np.linalg.cholesky(noise + 1e-14 * np.eye(n_y + n_u))  # regular without noise, too
     white = np.linalg.solve(L, Z)
     Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ adjoint(white))[1][:, :, -n_u:])
-    G: ComplexArray = Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:])
-    return Estimate(G, _least_squares_weights(blocks))
+    return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
 AVERAGED: dict[str, Estimator] = {"arithmetic": arithmetic, "harmonic": harmonic, "logarithmic": logarithmic}
-POOLED: dict[str, Estimator] = {method.__name__: method for method in (h1, h2, hv, joint, errors_in_variables)}
-METHODS: dict[str, Estimator] = AVERAGED | POOLED
+METHODS = AVERAGED | {method.__name__: method for method in (h1, h2, hv, joint, errors_in_variables)}
 
 
 def arithmetic_mean(G: ComplexArray) -> ComplexArray:
@@ -171,27 +172,16 @@ def _each(blocks: Sequence[Block]) -> ComplexArray:
     return np.stack([block.Y @ block.W for block in blocks])
 
 
-def _mean_weights(blocks: Sequence[Block]) -> tuple[tuple[ComplexArray, ...], float]:
-    """W_m of the mean over realisations, and their share."""
-    return tuple(block.W for block in blocks), 1 / len(blocks)
-
-
-def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:
+def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
     """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
-    pairs = list(zip(blocks, instruments, strict=True))
-    of_inputs = np.linalg.inv(np.sum([block.U @ adjoint(A) for block, A in pairs], axis=0))
-    W = tuple(adjoint(A) @ of_inputs for _, A in pairs)
-    G: ComplexArray = np.sum([block.Y @ w for block, w in zip(blocks, W, strict=True)], axis=0)
+    of_inputs = np.linalg.inv(np.sum([U @ adjoint(A) for U, A in zip(data.U, instruments, strict=True)], axis=0))
+    W = tuple(adjoint(A) @ of_inputs for A in instruments)
+    G: ComplexArray = np.sum([Y @ W_m for Y, W_m in zip(data.Y, W, strict=True)], axis=0)
     return Estimate(G, W)
 
 
-def _least_squares_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
-    of_inputs = np.linalg.inv(np.sum([block.U @ adjoint(block.U) for block in blocks], axis=0))
-    return tuple(adjoint(block.U) @ of_inputs for block in blocks)
-
-
-def _square(blocks: Sequence[Block], method: str) -> None:
-    n_y, n_u = blocks[0].Y.shape[1], blocks[0].U.shape[1]
+def _refuse_oblong(data: MeanSpectra, method: str) -> None:
+    n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
     if n_y != n_u:
         raise StudyError(
             f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic"

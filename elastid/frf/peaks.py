@@ -113,7 +113,10 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
     width = _half_power_width(f, _power(response.G), top)
     pole = None
     for _ in range(2):
-        window = _window(f, top, low, high, LIMITS.half_window * width)
+        half, least = LIMITS.half_window * width, LIMITS.lines_to_either_side
+        first = max(low, min(top - least, int(np.searchsorted(f, f[top] - half))))
+        last = min(high, max(top + least, int(np.searchsorted(f, f[top] + half, "right")) - 1))
+        window = np.arange(first, last + 1)
         if len(window) < LIMITS.lines:
             return None
         pole = _fitted(response, window, f[top], width)
@@ -122,19 +125,13 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
         width = pole.z.imag / np.pi  # the half-power width 2 zeta f
     assert pole is not None
     damping, std = pole.z.imag / abs(pole.z), np.sqrt(pole.variance / 2) / abs(pole.z)
-    if not _stands_out(response, window):
-        return None
+    if response.uncertainty is not None:
+        # Far above the noise in some element: neighbouring lines may share theirs, which has bumps.
+        power = np.mean(np.abs(response.G[window]) ** 2, axis=0)
+        if not np.any(power > LIMITS.snr * np.mean(response.uncertainty.variance[window], axis=0)):
+            return None
     inside = f[window[0]] <= abs(pole.z) / (2 * np.pi) <= f[window[-1]]
     return pole if inside and LIMITS.significance * std < damping < LIMITS.damping else None
-
-
-def _stands_out(response: FrequencyResponse, window: IntArray) -> bool:
-    """True if some element of a window is far above its noise: neighbouring lines may share theirs, which has bumps."""
-    if response.uncertainty is None:
-        return True
-    power = np.mean(np.abs(response.G[window]) ** 2, axis=0)
-    noise = np.mean(response.uncertainty.variance[window], axis=0)
-    return bool(np.any(power > LIMITS.snr * noise))
 
 
 def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
@@ -147,21 +144,15 @@ def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
     return float(last - first) / 2
 
 
-def _window(f: FloatArray, top: int, low: int, high: int, half_width: float) -> IntArray:
-    """The lines of a window about a peak: half_width in Hz to either side, or `lines_to_either_side`."""
-    least = LIMITS.lines_to_either_side
-    first = max(low, min(top - least, int(np.searchsorted(f, f[top] - half_width))))
-    last = min(high, max(top + least, int(np.searchsorted(f, f[top] + half_width, "right")) - 1))
-    return np.arange(first, last + 1)
-
-
 def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width: float) -> _Pole | None:
     """The pole that all elements share on a window of lines, by Gauss-Newton from a peak and its half-power width."""
     K, uncertainty = len(window), response.uncertainty
     G = response.G[window].reshape(K, -1)
     variance = None if uncertainty is None else _smooth(uncertainty, window, np.abs(G) ** 2)
     known = variance is not None and bool(np.all(variance > 0))
-    weights = 1 / np.sqrt(variance) if variance is not None and known else np.ones(G.shape) / _largest(G)
+    largest = np.abs(G).max(axis=0)
+    same = np.ones(G.shape) / np.where(largest > 0, largest, 1.0)
+    weights = 1 / np.sqrt(variance) if variance is not None and known else same
     omega = 2 * np.pi * response.freq_hz[window]
     center, scale = 2 * np.pi * freq_hz, float(np.ptp(omega)) / 2
     x = (omega - center) / scale
@@ -199,8 +190,8 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
     by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, LIMITS.free_share), axis=0)) ** 2
     share = np.sum(np.abs(slopes) ** 2, axis=0) / power
     scattered = float(np.sum(by_line / np.maximum(1 - share, LIMITS.free_share))) / power**2
-    variance_of_z = max(stated, scattered)
-    return _Pole(center + scale * z, float(variance_of_z * scale**2), K, float(np.sqrt(misfit)) if known else np.nan)
+    variance_of_z = float(max(stated, scattered) * scale**2)
+    return _Pole(center + scale * z, variance_of_z, K, float(np.sqrt(misfit)) if known else np.nan)
 
 
 def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> FloatArray:
@@ -220,12 +211,6 @@ def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> Floa
             level = columns @ share + np.finfo(float).eps * v.mean()
         smooth[:, i] = level
     return smooth
-
-
-def _largest(G: ComplexArray) -> FloatArray:
-    """The largest magnitude (n,) of each element, 1 where it is 0 throughout."""
-    size = np.abs(G).max(axis=0)
-    return np.where(size > 0, size, 1.0)
 
 
 def _projected(

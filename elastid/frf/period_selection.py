@@ -104,16 +104,17 @@ class Compared:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
     power (c, P): sums of its squares; apart (c, P, Q): the distance of each period from Q of them, in general all.
-    references (Q,): their indices.
+    references (Q,): their indices.  outlier_sigma: threshold of far ones, in standard deviations.
     """
 
     X: FloatArray
     power: FloatArray
     apart: FloatArray
     references: IntArray
+    outlier_sigma: float
 
     @classmethod
-    def from_spectra(cls, spectra: PeriodSpectra) -> Compared:
+    def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> Compared:
         """All periods of a record with each other, or of a long one with some."""
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // LIMITS.lines)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
@@ -121,25 +122,23 @@ class Compared:
         X = amplitudes.view(np.float64)
         P = X.shape[1]
         if LIMITS.compared >= P:
+            references = np.arange(P)
             products = X @ np.swapaxes(X, 1, 2)
             power = np.einsum("cpp->cp", products)
-            squares = power[:, :, None] + power[:, None, :] - 2 * products
-            return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), np.arange(P))
-        count = min(LIMITS.compared, max(LIMITS.least_compared, LIMITS.pairs // P))
-        references = np.linspace(0, P - 1, count).round().astype(np.int64)
-        power = np.einsum("cpk,cpk->cp", X, X)
-        squares = power[:, :, None] + power[:, None, references] - 2 * (X @ np.swapaxes(X[:, references], 1, 2))
-        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references)
+        else:
+            count = min(LIMITS.compared, max(LIMITS.least_compared, LIMITS.pairs // P))
+            references = np.linspace(0, P - 1, count).round().astype(np.int64)
+            products = X @ np.swapaxes(X[:, references], 1, 2)
+            power = np.einsum("cpk,cpk->cp", X, X)
+        squares = power[:, :, None] + power[:, None, references] - 2 * products
+        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     @cached_property
-    def ratio(self) -> float:
-        """Largest over smallest distance of two periods, in the worst channel."""
-        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.references]
-        return float(np.max(apart.max(axis=1) / np.maximum(apart.min(axis=1), 1e-300)))
-
-    def agree(self, outlier_sigma: float) -> bool:
+    def agree(self) -> bool:
         """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
-        return self.ratio < 1 + outlier_sigma * LIMITS.spread
+        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.references]
+        ratio = float(np.max(apart.max(axis=1) / np.maximum(apart.min(axis=1), 1e-300)))
+        return ratio < 1 + self.outlier_sigma * LIMITS.spread
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
@@ -149,37 +148,37 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
 
     Raises DataError where transient_periods leaves fewer than two.
     """
-    spectra = _without_left_out(spectra)
-    compared, P = Compared.from_spectra(spectra), len(spectra.periods)
+    record = spectra.record
+    spectra = spectra.only(np.flatnonzero(~np.isin(spectra.periods, record.left_out)))
+    P = len(spectra.periods)
+    if P < 2:
+        raise DataError(f"record {record.name}: fewer than two periods are left after its repair; measure more")
+    compared = Compared.from_spectra(spectra, spec.outlier_sigma)
     if spec.transient_periods == "auto":
-        leading, notes = _transient(spectra, compared, spec.outlier_sigma)
+        leading, notes = _transient(spectra, compared)
     elif P - spec.transient_periods >= 2:
         leading, notes = spec.transient_periods, ()
     else:
         raise DataError(
-            f"record {spectra.record.name}: transient_periods {spec.transient_periods} leaves "
+            f"record {record.name}: transient_periods {spec.transient_periods} leaves "
             f"{max(0, P - spec.transient_periods)} of {P} periods; at least two are needed for the noise level"
         )
-    settled = np.arange(leading, P)
-    far, more = _outliers(spectra, compared, settled, spec.outlier_sigma)
-    used = settled
+    settled = used = np.arange(leading, P)
+    far = settled[:0]
+    more: tuple[Note, ...] = ()
+    if len(settled) >= LIMITS.periods and not compared.agree:
+        measured = distances(compared, settled)
+        far = settled[measured.far[settled]]
+        more = (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
     if notes and total is not None and is_negligible(spectra, leading, total):
-        used, notes = np.arange(P), (_kept_note(spectra, leading),)
-    if len(far):
-        used = np.setdiff1d(used, far)
-    return replace(spectra.only(used), notes=(*spectra.notes, *notes, *more))
+        used = np.arange(P)
+        first = f"first {leading} of {P} periods hold" if leading > 1 else "first period holds"
+        text = f"the {first} a transient, which is kept: it changes the response by less than a fifth of its total"
+        notes = (Note("transient-kept", f"{text} standard deviation", f"record {record.name}", severity="information"),)
+    return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
 
 
-def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
-    """Without the periods that the repair of the log left out."""
-    left_out = spectra.record.left_out
-    spectra_left = spectra.only(np.flatnonzero(~np.isin(spectra.periods, left_out))) if len(left_out) else spectra
-    if len(spectra_left.periods) < 2:
-        raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair; measure more")
-    return spectra_left
-
-
-def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Distances:
+def distances(compared: Compared, good: IntArray) -> Distances:
     """Distances of all periods from the good ones (indices), of a good one from the other good ones.
 
     Their spread is the median absolute deviation of D over the good periods, but at least that of a noise on as many
@@ -189,21 +188,17 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     D = _median_of_others(compared, good) / size
     typical = _median(D[good])
     spread = STD_OVER_MAD * _median(np.abs(D[good] - typical))
-    limit = typical + outlier_sigma * np.maximum(spread, LIMITS.spread * typical)
+    limit = typical + compared.outlier_sigma * np.maximum(spread, LIMITS.spread * typical)
     distant = Distances(D, typical, limit)
     if not distant.far.any():
         return distant
-    # A noise on few lines only scatters more.
-    least = typical * np.maximum(LIMITS.spread, 0.5 / np.sqrt(_noisy_lines(compared.X[:, good])))
-    return replace(distant, limit=typical + outlier_sigma * np.maximum(spread, least))
-
-
-def _noisy_lines(X: FloatArray) -> FloatArray:
-    """Number (c,) of lines that carry the noise of X (c, P, 2 K) about its mean: 1 / sum of share^2."""
-    V = X - X.mean(axis=1, keepdims=True)
+    # A noise on few lines only scatters more: on 1 / sum of share^2 of them.
+    V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
-    return np.asarray(1 / np.maximum(np.sum(share**2, axis=1), 1e-300))
+    n_noisy = 1 / np.maximum(np.sum(share**2, axis=1), 1e-300)
+    least = typical * np.maximum(LIMITS.spread, 0.5 / np.sqrt(n_noisy))
+    return replace(distant, limit=typical + compared.outlier_sigma * np.maximum(spread, least))
 
 
 def _median(x: FloatArray) -> FloatArray:
@@ -228,13 +223,13 @@ def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
     return np.asarray((of_good[:, period, (count - 1) // 2] + of_good[:, period, count // 2]).T / 2)
 
 
-def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[Note, ...]]:
+def _transient(spectra: PeriodSpectra, compared: Compared) -> tuple[int, tuple[Note, ...]]:
     """Number of periods at the start that are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
-    if later[0] == 0 or compared.agree(outlier_sigma):
+    if later[0] == 0 or compared.agree:
         return 0, ()
-    measured = distances(compared, later, outlier_sigma)
+    measured = distances(compared, later)
     leading = int(np.argmin(np.append(measured.far[: later[0]], False)))
     if leading == 0:
         return 0, ()
@@ -242,18 +237,6 @@ def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float)
     if leading == later[0]:
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
-
-
-def _outliers(
-    spectra: PeriodSpectra, compared: Compared, settled: IntArray, outlier_sigma: float
-) -> tuple[IntArray, tuple[Note, ...]]:
-    """Those of the settled periods (indices) that are far from the others."""
-    none = settled[:0]
-    if len(settled) < LIMITS.periods or compared.agree(outlier_sigma):
-        return none, ()
-    measured = distances(compared, settled, outlier_sigma)
-    far = settled[measured.far[settled]]
-    return far, (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
 
 
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:
@@ -275,13 +258,6 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
         f"where {100 * measured.typical[worst]:.2g} % is usual",
         f"record {record.name}",
     )
-
-
-def _kept_note(spectra: PeriodSpectra, leading: int) -> Note:
-    count = f"first {leading} of {len(spectra.periods)} periods" if leading > 1 else "first period"
-    text = f"the {count} hold a transient" if leading > 1 else f"the {count} holds a transient"
-    text = f"{text}, which is kept: it changes the response by less than a fifth of its total standard deviation"
-    return Note("transient-kept", text, f"record {spectra.record.name}", severity="information")
 
 
 def _listed(items: Sequence[str]) -> str:

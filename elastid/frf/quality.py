@@ -1,4 +1,12 @@
-"""A measured response and its quality: coherences, singular values, noise; notes on weak inputs and outputs."""
+r"""A measured response and its quality: coherences, singular values, noise; notes on weak inputs and outputs, modes.
+
+Modes are the peaks of the response itself; their bandwidth is the width 2 zeta f_0 at half power,
+
+.. math:: ||G(f_0 \pm \zeta f_0)||^2 \approx ||G(f_0)||^2 / 2
+
+In the windows of a local method a polynomial follows G where they are narrower than that, and flattens the peak
+elsewhere; a rational function of degree d follows d modes in a window however narrow they are.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +20,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import inverse, semidefinite_eigenvalues, singular_values, squared_magnitude
+from elastid.frf.matrices import inverse, power, semidefinite_eigenvalues, singular_values, squared_magnitude
 from elastid.record import Motion, Record
 from elastid.response import FrequencyResponse, Levels, Quality
 
@@ -53,14 +61,14 @@ def measured_response(
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
-    S_Z, n_y = data.scatter.S_Z, G.shape[1]
+    S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
-    noise = spread / data.scatter.dof
+    noise = spread / data.dof
     output_power, of_periods = data.output_powers
     coherence, multiple = coherences(
         of_periods + spread[:, :n_y],
-        data.of_periods("Y") + S_Z[:, :n_y, n_y:],
-        data.of_periods("U") + S_Z[:, n_y:, n_y:],
+        data.of_periods(data.Y) + S_Z[:, :n_y, n_y:],
+        data.of_periods(data.U) + S_Z[:, n_y:, n_y:],
     )
     amplitude = np.sqrt(output_power / len(data.periods))
     return Quality(
@@ -82,16 +90,23 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    r"""Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu.
+    """Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu."""
+    response = yu @ inverse(uu)
+    explained = np.sum(response.real * yu.real + response.imag * yu.imag, axis=2)
+    return coherences_of_powers(squared_magnitude(yu), explained, yy, power(uu))
+
+
+def coherences_of_powers(
+    cross: FloatArray, explained: FloatArray, yy: FloatArray, uu: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    r"""The same from |S_yu|^2 (F, n_y, n_u), S_yu S_uu^-1 S_uy (F, n_y), and powers yy (F, n_y), uu (F, n_u).
 
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
-    both = yy[:, :, None] * np.einsum("fii->fi", uu).real[:, None, :]
-    ordinary = np.divide(squared_magnitude(yu), both, out=np.zeros(both.shape), where=both > 0)
-    response = yu @ inverse(uu)
-    explained = np.sum(response.real * yu.real + response.imag * yu.imag, axis=2)
-    multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
+    both = yy[:, :, None] * uu[:, None, :]
+    ordinary = np.divide(cross, both, out=np.zeros(both.shape), where=both > 0)
+    multiple = np.divide(explained, yy, out=np.zeros(yy.shape), where=yy > 0)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
@@ -112,9 +127,8 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """A note on every input that was barely excited, and one where the inputs moved nearly together."""
-    power = np.einsum("fii->fi", data.UU).real / len(data.periods)
-    noise = quality.input_noise * np.mean(1 / data.periods)
-    weak = power < LIMITS.input_snr * noise
+    level = power(data.UU) / len(data.periods)
+    weak = level < LIMITS.input_snr * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
             "input-barely-excited",
@@ -133,3 +147,69 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
             )
         )
     return notes
+
+
+@dataclass(frozen=True)
+class LocalModes:
+    """Peaks of a response at freq_hz (n,) with bandwidth_hz (n,), their width at half power."""
+
+    freq_hz: FloatArray
+    bandwidth_hz: FloatArray
+
+
+def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> LocalModes:
+    """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
+
+    Peaks that do not stand out of the variance of G by 16 dB are ignored.
+    """
+    power = np.sum(np.abs(G) ** 2, axis=(1, 2))
+    peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
+    modes = []
+    # 16 dB: noise alone does not halve such a peak on both sides.
+    for peak in peaks[power[peaks] > 40.0 * variance.sum(axis=(1, 2))[peaks]]:
+        below = _half_power(freq_hz[peak::-1], power[peak::-1])
+        above = _half_power(freq_hz[peak:], power[peak:])
+        if below is not None and above is not None:
+            modes.append((freq_hz[peak], above - below))
+    f_0, width = np.array(modes).reshape(-1, 2).T
+    return LocalModes(f_0, width)
+
+
+def wide_windows(modes: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
+    """A note on modes for which windows of span_hz (F,) at freq_hz are too wide; poles: degree d, 0 for polynomials."""
+    span = np.interp(modes.freq_hz, freq_hz, span_hz)
+    if poles == 0:
+        wide = np.flatnonzero(span > modes.bandwidth_hz)
+        if wide.size == 0:
+            return []
+        worst = wide[np.argmax(span[wide] / modes.bandwidth_hz[wide])]
+        return [
+            Note(
+                "wide-windows",
+                f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz "
+                f"at {modes.freq_hz[worst]:.4g} Hz, where the mode is {modes.bandwidth_hz[worst]:.3g} Hz wide; its "
+                "peak may be flattened: take method local_rational, a longer period or record, or more experiments",
+            )
+        ]
+    inside = np.array([np.sum(np.abs(modes.freq_hz - f) <= s / 2) for f, s in zip(modes.freq_hz, span, strict=True)])
+    crowded = np.flatnonzero(inside > poles)
+    if crowded.size == 0:
+        return []
+    worst = crowded[np.argmax(inside[crowded])]
+    return [
+        Note(
+            "crowded-window",
+            f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {modes.freq_hz[worst]:.4g} Hz, which has "
+            f"poles for {poles}; take a longer period or record, more experiments or a higher local_order",
+        )
+    ]
+
+
+def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
+    """Frequency where the power (F,) from a peak, its first entry, on has halved; None where it rises before."""
+    half = np.flatnonzero(power < power[0] / 2)
+    if half.size == 0 or np.any(power[: half[0]] > power[0]):
+        return None
+    i = int(half[0])
+    part = (power[i - 1] - power[0] / 2) / (power[i - 1] - power[i])
+    return float(freq_hz[i - 1] + part * (freq_hz[i] - freq_hz[i - 1]))

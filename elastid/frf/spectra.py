@@ -78,18 +78,12 @@ class RecordSpectra:
         halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
 
-    def dft_at(self, role: Role, lines: IntArray) -> Iterator[ComplexArray]:
-        """The DFT (p, F, c) of a signal at lines (F,), of all periods; of some at a time of a large record."""
-        if self.is_large:
-            return (group[:, _wanted(lines)] for group in self.dft_groups(role))
-        return iter([self._dft_at((role,), lines)])
-
-    def responses_at(self, lines: IntArray) -> Iterator[ComplexArray]:
-        """The DFT (p, F, n_y + n_u) of [y, u] likewise."""
-        if self.is_large:
-            pairs = zip(self.dft_at("y", lines), self.dft_at("u", lines), strict=True)
-            return (np.concatenate(pair, axis=2) for pair in pairs)
-        return iter([self._dft_at(("y", "u"), lines)])
+    def dft_at(self, roles: Sequence[Role], lines: IntArray) -> Iterator[ComplexArray]:
+        """The DFT (p, F, c) of signals side by side at lines (F,), of all periods; of some at a time if it is large."""
+        if not self.is_large:
+            return iter([self._dft_at(roles, lines)])
+        groups = zip(*(self.dft_groups(role) for role in roles), strict=True)
+        return (np.concatenate([dft[:, _wanted(lines)] for dft in group], axis=2) for group in groups)
 
     def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
         """The DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
@@ -126,7 +120,7 @@ class RecordSpectra:
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
-        dft: ComplexArray = np.concatenate(list(self.dft_at(role, lines)))
+        dft: ComplexArray = np.concatenate(list(self.dft_at((role,), lines)))
         return dft * (2 / self.record.repeat_samples)
 
 
@@ -194,7 +188,7 @@ def period_groups(
     drifts = np.array([logged != "acceleration" for logged in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
-    for z in spectra.responses_at(lines):
+    for z in spectra.dft_at(("y", "u"), lines):
         # The samples themselves are searched only where a line shows that something is wrong.
         if not _computable(np.abs(z[:, 0])).all():
             refuse_uncomputable(record)
@@ -225,7 +219,7 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     scale = 2 / record.repeat_samples
-    mean = sum((group * scale).sum(axis=0) for group in spectra.dft_at("r", lines)) / record.n_repeats
+    mean = sum((group * scale).sum(axis=0) for group in spectra.dft_at(("r",), lines)) / record.n_repeats
     return np.asarray(mean * record.hold_response(freq_hz))
 
 

@@ -27,9 +27,9 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.covariance import kronecker
-from elastid.frf.local.bandwidth import local_modes
 from elastid.frf.matrices import adjoint, power, transposed
-from elastid.frf.quality import LIMITS, coherences, measured_response
+from elastid.frf.methods import of_weakest_direction
+from elastid.frf.quality import LIMITS, coherences, local_modes, measured_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import unit_scale
 from elastid.record import Record
@@ -187,9 +187,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
             "each with its own noise, or leave out the channel that was not excited"
         )
-    data, lines_left = data.on(usable), lines[usable]
-    G = _METHODS[spec.method](data)
-    freq_hz = line_frequencies(lines_left, first.rate_hz, len(segments.window))
+    data = data.on(usable)
+    G = _response(data, spec.method)
+    freq_hz = line_frequencies(lines[usable], first.rate_hz, len(segments.window))
     covariance, C_V = _covariance(data, G)
     quality = _quality(freq_hz, data, G, C_V)
     notes = [note for record in records for note in record.notes]
@@ -210,38 +210,27 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     return replace(response, correlated_lines=segments.correlated_lines)
 
 
-def _h1(data: CrossSpectra) -> ComplexArray:
-    return data.yu @ np.linalg.inv(data.uu)
-
-
-def _h2(data: CrossSpectra) -> ComplexArray:
-    n_u = data.uu.shape[1]
-    if data.n_y != n_u:
+def _response(data: CrossSpectra, method: str) -> ComplexArray:
+    """G (F, n_y, n_u) by H1, H2 or Hv; StudyError and DataError where the outputs do not allow the latter."""
+    n_y, n_u = data.n_y, data.uu.shape[1]
+    if method == "h1":
+        return data.yu @ np.linalg.inv(data.uu)
+    if method == "h2" and n_y != n_u:
         raise StudyError(
-            f"estimator.method h2 needs as many outputs as inputs, here {data.n_y} and {n_u}; take h1 or local_rational"
+            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or local_rational"
         )
     try:
-        return np.asarray(data.yy @ np.linalg.inv(adjoint(data.yu)))
+        if method == "h2":
+            return np.asarray(data.yy @ np.linalg.inv(adjoint(data.yu)))
+        rows = [np.array([i, *range(n_y, n_y + n_u)]) for i in range(n_y)]
+        return np.stack([of_weakest_direction(data.S[:, row[:, None], row]) for row in rows], axis=1)
     except np.linalg.LinAlgError as error:
-        raise DataError(
-            "estimator.method h2 finds a singular matrix at some line: an output does not move; take h1"
-        ) from error
-
-
-def _hv(data: CrossSpectra) -> ComplexArray:
-    """Each output by the weakest direction v of [y; u], v^H z = 0: as much noise on it as on every input."""
-    G = np.empty(data.yu.shape, dtype=np.complex128)
-    n_y = data.n_y
-    for i in range(n_y):
-        rows = np.concatenate([[i], np.arange(n_y, data.S.shape[1])])
-        v = np.linalg.eigh(data.S[:, rows[:, None], rows])[1][:, :, 0].conj()
-        if not v[:, 0].all():
-            raise DataError("estimator.method hv: an input has no power at some line of its own; take h1")
-        G[:, i] = -v[:, 1:] / v[:, :1]
-    return G
-
-
-_METHODS = {"h1": _h1, "h2": _h2, "hv": _hv}
+        why = (
+            "h2 finds a singular matrix at some line: an output does not move"
+            if method == "h2"
+            else "hv: an input has no power at some line of its own"
+        )
+        raise DataError(f"estimator.method {why}; take h1") from error
 
 
 def _covariance(data: CrossSpectra, G: ComplexArray) -> tuple[Covariance, ComplexArray]:

@@ -1,9 +1,4 @@
-r"""Friction laws: static ones, and dynamic ones with states.
-
-- law:      the contract, and the curve g(v) of sliding friction that all laws share
-- static:   Coulomb and Tustin (Stribeck), smoothed at standstill; viscous friction is not here, it is linear
-- dynamic:  Dahl, LuGre, generalised Maxwell slip
-- robot_friction: laws at the motors and joints of a robot, on the link side, under load and temperature
+r"""Friction laws: static ones, dynamic ones with states, and those at the motors and joints of a robot.
 
 In a frequency response: about a sliding speed v_0 > 0 a LuGre law is, to first order,
 

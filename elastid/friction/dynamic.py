@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from elastid.friction.law import Curve, Expression, exponential_step, is_absent
+from elastid.friction.static import Curve, Expression, exponential_step, is_absent
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,6 @@ class MaxwellElements:
     sigma_1: tuple[float, ...]
     C: float
 
-    def at_rest(self) -> tuple[float, float]:
-        """All elements stick."""
-        return sum(self.sigma_0), sum(self.sigma_1)
-
     def bounds(self, v: Expression, curve: Curve) -> ca.SX:
         """zbar (n,) > 0 at v: where the elements slip."""
         return ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
@@ -115,7 +111,7 @@ class SmoothMaxwellSlip:
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """All elements stick."""
-        return self.elements.at_rest()
+        return sum(self.elements.sigma_0), sum(self.elements.sigma_1)
 
     def _linear(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX]:
         """dz/dt = gain - slope z with the switch at z."""
@@ -168,7 +164,7 @@ class SwitchedMaxwellSlip:
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """All elements stick."""
-        return self.elements.at_rest()
+        return sum(self.elements.sigma_0), sum(self.elements.sigma_1)
 
     def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """Deflections, true where they slip at v, their bounds, sgn(v)."""

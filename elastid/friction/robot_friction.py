@@ -14,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
-from elastid.friction.law import Curve, Expression, Law
-from elastid.friction.static import Tustin
+from elastid.friction.static import Curve, Expression, Law, Tustin
 from elastid.robot import Directions, Friction, Robot
 
 
@@ -35,7 +34,7 @@ class PlacedLaw:
     reverses: bool = False
 
     def symbols(self, numbers: Sequence[Expression]) -> Curve:
-        """The curve of symbols, one for each of `law.CURVE`, without the parts that the law does not have."""
+        """The curve of symbols, one for each of `static.CURVE`, without the parts that the law does not have."""
         load = self.spec.load
         F_c, F_s, inverse_nu_s, alpha_3, alpha_T = numbers[:5]
         curve = Curve(F_c, F_s, inverse_nu_s, alpha_3, alpha_T, exponent=self.spec.exponent)
@@ -46,7 +45,7 @@ class PlacedLaw:
         return curve
 
     def curve(self, load: float = 0.0, temperature: float | None = None, level: float = 1.0) -> FloatArray:
-        """The numbers (9,) of `law.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
+        """The numbers (9,) of `static.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
 
         level: a factor on all of the friction's torque.  temperature: the reference unless given.
         Raises ValueError where the temperature leaves less stiction than Coulomb friction, or no Stribeck velocity.

@@ -1,13 +1,13 @@
-r"""Static friction laws over velocity, load and temperature, and the terms that they are sums of.
+r"""The contract of a friction law, the curve of sliding friction that all laws share, and static laws.
 
-.. math:: \tau_f = F_c \tanh(v / v_s)
+.. math:: \tau_f = h(v, z), \qquad \dot z = \Omega(v, z), \qquad
+          g(v) = F_c + \delta_c\, \mathrm{sgn}\, v + (F_s - F_c) e^{-|v / \nu_s|^a} + F_l e^{-|v / \nu_l|^a}
 
-Coulomb's F_c sgn(v), smoothed over v_s: eq. (2.15) of Niglis & Oberg (2015) as v_s -> 0. The sign is that of the
-velocity, and the torque stands on the side of M q'' + f + tau_f = B u: friction brakes. Viscous friction is not here;
-it is linear and part of the model's force f. Tustin's law, eq. (2.17), has the Stribeck curve g(v) instead of F_c
-and may grow with v |v|.
+A positive torque brakes a positive velocity: it stands on the side of M q'' + f + tau_f = B u. Viscous friction is not
+here; it is linear and part of the model's force f. Sources: Niglis & Oberg (2015), eqs. (2.14) to (2.21).
 
-As a sum of columns, linear in most of its numbers:
+Coulomb's F_c sgn(v), eq. (2.15), is smoothed to F_c tanh(v / v_s). Tustin's law, eq. (2.17), has the Stribeck curve
+g(v) instead of F_c and may grow with v |v|. As a sum of columns, linear in most of its numbers:
 
 .. math::
    s \tau_f = F_c + \delta_c s + F_{cl} L + F_{sl} L\, e(v / \nu_l)
@@ -23,12 +23,94 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol, TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.friction.law import Curve, Expression
+
+Expression: TypeAlias = ca.SX | float
+
+# Numbers of a Curve, which an experiment may change from sample to sample: load, temperature.
+CURVE = ("F_c", "F_s", "inverse_nu_s", "alpha_3", "alpha_T", "F_l", "inverse_nu_l", "delta_c", "delta_v")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """F_c, F_s (Nm), 1 / nu_s (s/rad; 0 without Stribeck effect), alpha_3 of v |v|, alpha_T added to viscous friction.
+
+    F_l (Nm), 1 / nu_l: what the load adds over a Stribeck velocity of its own.  delta_c (Nm), delta_v (Nms/rad): half
+    of what F_c and viscous friction are larger at v > 0 than at v < 0.  All on the side of v, each an expression or a
+    number; a part whose number is 0.0 is left out of the expressions.  exponent: a.
+    """
+
+    F_c: Expression
+    F_s: Expression
+    inverse_nu_s: Expression
+    alpha_3: Expression = 0.0
+    alpha_T: Expression = 0.0
+    F_l: Expression = 0.0
+    inverse_nu_l: Expression = 0.0
+    delta_c: Expression = 0.0
+    delta_v: Expression = 0.0
+    exponent: float = 2.0
+
+    def level(self, v: Expression) -> ca.SX:
+        """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
+        level = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
+        if not is_absent(self.F_l):
+            level += self.F_l * self._falling(v * self.inverse_nu_l)
+        return level if is_absent(self.delta_c) else level + self.delta_c * ca.sign(v)
+
+    def growing(self, v: Expression) -> ca.SX:
+        """alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
+        growing = v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
+        return growing if is_absent(self.delta_v) else growing + self.delta_v * ca.fabs(v)
+
+    def _falling(self, x: Expression) -> ca.SX:
+        """exp(-|x|^a)."""
+        # 1e-12 keeps the derivative of an exponent other than 2 finite at rest.
+        return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + 1e-12) ** (self.exponent / 2)))
+
+
+def is_absent(number: Expression) -> bool:
+    """True if a number is 0 for good, and no symbol."""
+    return isinstance(number, float) and number == 0
+
+
+class Law(Protocol):
+    """A friction law at one place, states z (n_states,); v in rad/s, torque in Nm on one side."""
+
+    @property
+    def n_states(self) -> int:
+        """Number of states; 0 where the torque depends on v alone."""
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """tau_f(v, z)."""
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """dz/dt (n_states,)."""
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
+        """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: a bound on its rates."""
+
+
+def exponential_step(z: Expression, rate: Expression, slope: Expression, step: Expression) -> ca.SX:
+    """Solution of z' = rate - slope z after `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
+    x = slope * step
+    return z * ca.exp(-x) + rate * step * phi_1(x)
+
+
+def phi_1(x: Expression) -> ca.SX:
+    """(1 - e^-x) / x of x >= 0, by its series where x is small; correct at 0 up to the third derivative."""
+    small = x < 1e-3
+    divisor = ca.if_else(small, 1.0, x)
+    return ca.if_else(small, 1 - x / 2 * (1 - x / 3 * (1 - x / 4)), -ca.expm1(-divisor) / divisor)
+
 
 # v_s in rad/s on the link side. Well below the speed at which a multisine moves a joint (0.01 to 1 rad/s), so that the
 # torque is F_c nearly all the time; not smaller, since the slope F_c / v_s is a rate that the integrator must resolve:
@@ -91,7 +173,22 @@ class Conditions:
 
 def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
     """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
-    terms = _columns(conditions, eta, T_0)
+    v, s, L, theta = conditions.speed, conditions.direction, conditions.load, _theta(conditions, T_0)
+    terms = {
+        "coulomb": np.ones_like(v),
+        "viscous": v,
+        "quadratic": v**2,
+        "load.coulomb": L,
+        "directions.coulomb": s,
+        "directions.viscous": s * v,
+    }
+    if "stribeck_velocity" in eta:
+        e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
+        terms |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
+    if "load.stribeck_velocity" in eta:
+        terms["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
+    if "temperature.decay" in eta:
+        terms["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
     return np.stack([terms[name] for name in names], axis=1)
 
 
@@ -124,26 +221,6 @@ def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArr
     power = (v / nu) ** a
     e = np.exp(-power)
     return e * power * a / nu, -e * power * np.log(v / nu)
-
-
-def _columns(conditions: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
-    v, s, L, theta = conditions.speed, conditions.direction, conditions.load, _theta(conditions, T_0)
-    terms = {
-        "coulomb": np.ones_like(v),
-        "viscous": v,
-        "quadratic": v**2,
-        "load.coulomb": L,
-        "directions.coulomb": s,
-        "directions.viscous": s * v,
-    }
-    if "stribeck_velocity" in eta:
-        e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
-        terms |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
-    if "load.stribeck_velocity" in eta:
-        terms["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
-    if "temperature.decay" in eta:
-        terms["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
-    return terms
 
 
 def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:

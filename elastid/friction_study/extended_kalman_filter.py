@@ -33,7 +33,7 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
-from elastid.friction.law import Curve
+from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
 

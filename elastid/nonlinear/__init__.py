@@ -7,15 +7,4 @@ independent realisations G must be the same; the levels are those for which it i
 of Phi_i = phi(q, q') of a motor's angle, H_i = -G e_j: it is taken out of the torque, u_net = u - sum f_i phi_i.
 
 A further effect is a kind of `shapes.Shape` at a place of its own: its transfer in `levels`, candidates in `choice`.
-
-- find:        all of it, from the records of a measurement
-- motion:      angle and velocity of a motor between its samples
-- reconstruct: its part above half the rate, by the friction that was found; accelerance of the motors as inertias
-- shapes:      phi_i, and their spectra
-- places:      shafts of coupled gears; motors and records in which friction cannot be found
-- spectra:     torques, motions and shapes of all experiments of a configuration
-- levels:      f_i by regression, with covariance
-- choice:      shapes by cross-validation over realisations, and others that fit nearly as well
-- take_out:    record -> record whose u is the net torque; responses with the levels' errors
-- result:      levels and shapes that were found and taken out
 """

@@ -13,11 +13,9 @@ neighbours: one shape more, less, or another instead. With weights w_S = p_S / s
 
 about the levels of the chosen set. (Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14, 1999.)
 
-Shapes near the chosen ones, whose signs turn over a speed of their own and not over one of those that were tried.
-
 Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two of them, both together come
 out as friction that is 0.1 to 0.2 % too large in sliding; two that are near each other, and near the speed at which it
-turns, leave a tenth of that.
+turns (`refined`), leave a tenth of that.
 """
 
 from __future__ import annotations
@@ -66,20 +64,12 @@ class Choice:
     covariance: FloatArray
 
 
-@dataclass(frozen=True)
-class ChosenCandidates:
-    """The candidates (n,) that are shapes of a choice, and rates (n,): thresholds of those whose rates are, else 0."""
-
-    candidates: IntArray
-    rates: FloatArray
-
-
 def choose(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
-) -> tuple[Choice, ChosenCandidates]:
+) -> tuple[Choice, IntArray, FloatArray]:
     """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen.
 
-    With those of all candidates that are in the choice.
+    With the candidates (n,) that are in the choice, and thresholds (n,) of those whose rates are, else 0.
     """
     motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
     chosen, _ = _chosen_of_each(data, motor_of, len(places), auto)
@@ -104,12 +94,11 @@ def _with_alternatives(
     places: Sequence[str],
     left: FloatArray,
     taken: IntArray,
-) -> tuple[Choice, ChosenCandidates]:
+) -> tuple[Choice, IntArray, FloatArray]:
     """The choice of the shapes `taken` of all candidates and rates, with those candidates that fit nearly as well."""
     shapes = _with_rates(candidates, rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    telling = _is_nonlinear(data)
-    telling[len(candidates) :] = False
+    telling = np.flatnonzero(_is_nonlinear(data)[: len(candidates)])
     levels = np.zeros(len(shapes))
     own_data = [replace(configuration, Phi=configuration.Phi[:, taken]) for configuration in data]
     levels[taken], _ = find_levels(own_data, motor_of[taken], np.arange(len(taken)))
@@ -118,9 +107,9 @@ def _with_alternatives(
     used = np.arange(len(shapes)) >= len(candidates)
     used[np.flatnonzero(rates > 0)] = True
     for i in range(len(places)):
-        own = neighbours_of(equations, taken[motor_of[taken] == i], np.flatnonzero(telling & (motor_of == i)))
-        covariance[np.ix_(own.shapes, own.shapes)] = own.covariance
-        used[own.shapes] = True
+        own, of_own = neighbours_of(equations, taken[motor_of[taken] == i], telling[motor_of[telling] == i])
+        covariance[np.ix_(own, own)] = of_own
+        used[own] = True
     some = np.flatnonzero(used)
     picked = some[some < len(candidates)]
     choice = Choice(
@@ -130,7 +119,7 @@ def _with_alternatives(
         taken=np.searchsorted(some, taken),
         covariance=covariance[np.ix_(some, some)],
     )
-    return choice, ChosenCandidates(picked, rates[picked])
+    return choice, picked, rates[picked]
 
 
 def _chosen_of_each(
@@ -226,18 +215,13 @@ def shares(equations: NormalEquations, motors: int, motor_of: IntArray, chosen: 
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])
 
 
-@dataclass(frozen=True)
-class Neighbours:
-    """Shapes (n,) of a motor, sorted, in sets of some weight; covariance (n, n) of levels by the choice of a set."""
+def neighbours_of(equations: NormalEquations, chosen: IntArray, candidates: IntArray) -> tuple[IntArray, FloatArray]:
+    """Shapes (n,) of one motor, sorted, in sets of some weight, and the covariance (n, n) of levels by their choice.
 
-    shapes: IntArray
-    covariance: FloatArray
-
-
-def neighbours_of(equations: NormalEquations, chosen: IntArray, candidates: IntArray) -> Neighbours:
-    """The neighbours of the chosen shapes (n,) of one motor among its candidates, these among them."""
+    The sets are the chosen shapes and their neighbours among the candidates, the chosen ones among them.
+    """
     if not len(chosen):
-        return Neighbours(chosen, np.zeros((0, 0)))
+        return chosen, np.zeros((0, 0))
     A, b = (2 * equations.dof_share * members.sum(axis=0) for members in (equations.A, equations.b))
     f = solve(A[np.ix_(chosen, chosen)], b[chosen])
     power = float(f @ A[np.ix_(chosen, chosen)] @ f)
@@ -251,7 +235,7 @@ def neighbours_of(equations: NormalEquations, chosen: IntArray, candidates: IntA
     levels = [_levels(A, b, members, shapes) for _, members in weighted]
     apart = np.array(levels) - _levels(A, b, chosen.tolist(), shapes)
     w = np.array([members for members, _ in weighted])
-    return Neighbours(shapes, np.asarray((apart.T * (w / w.sum())) @ apart))
+    return shapes, np.asarray((apart.T * (w / w.sum())) @ apart)
 
 
 def _sets(chosen: list[int], candidates: list[int]) -> list[list[int]]:
@@ -281,26 +265,20 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
     Of a motor whose signs are refined, other signs that fitted nearly as well are left out. The covariance by the
     choice between shapes is that of the first choice where shapes are the same, 0 of new ones.
     """
-    shapes: list[Shape] = []
-    is_taken: list[bool] = []
-    origins: list[int] = []
+    parts: list[tuple[Shape, bool, int]] = []  # of each its place in the first choice, or -1
     for place in places:
         own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
         near = _near([choice.shapes[i] for i in own], levels[own], place)
-        shapes += near
-        is_taken += [True] * len(near)
-        origins += [-1] * len(near)
         rest = [i for i in own if not (near and choice.shapes[i].kind == "sign")]
-        shapes += [choice.shapes[i] for i in rest]
-        is_taken += [i in choice.taken for i in rest]
-        origins += rest
-    same = np.array(origins, dtype=np.int64)
+        parts += [(shape, True, -1) for shape in near]
+        parts += [(choice.shapes[i], i in choice.taken, i) for i in rest]
+    same = np.array([i for *_, i in parts], dtype=np.int64)
     covariance = np.where(np.outer(same >= 0, same >= 0), choice.covariance[np.ix_(same, same)], 0.0)
     return Choice(
-        shapes=tuple(shapes),
-        motor_of=np.array([places.index(shape.place) for shape in shapes], dtype=np.int64),
+        shapes=tuple(shape for shape, *_ in parts),
+        motor_of=np.array([places.index(shape.place) for shape, *_ in parts], dtype=np.int64),
         kept_share=choice.kept_share,
-        taken=np.flatnonzero(is_taken),
+        taken=np.flatnonzero([is_taken for _, is_taken, _ in parts]),
         covariance=covariance,
     )
 

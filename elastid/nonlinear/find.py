@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
 from elastid.frf.checks import refuse_mismatch
@@ -47,16 +47,13 @@ def find_friction(
         return survey
     raw = normal_equations(survey.data, np.zeros(len(survey.choice.shapes)), survey.choice.motor_of)
     levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
-    frictions = [
-        taken(levels, configuration.Phi, survey.choice.motor_of, len(survey.first.inputs))
-        for configuration in survey.data
-    ]
-    accelerance = accelerance_of_lines(survey.data, frictions, spec.quantity)
+    accelerance = accelerance_of_lines(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, accelerance, raw, equations)
     result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
     if len(survey.choice.taken):
         choice = refined(survey.choice, levels, survey.first.inputs)
-        data = execution.ordered(partial(_gathered, choice.shapes, spec, planned, result), measured)
+        gather = partial(gather_configuration, shapes=choice.shapes, spec=spec, planned=planned, friction=result)
+        data = execution.ordered(gather, measured)
         levels, equations = find_levels(data, choice.motor_of, choice.taken)
         result = _result(survey, choice, levels, result.accelerance, raw, equations)
         result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
@@ -112,18 +109,14 @@ def _survey(
     if refused := _refused(surveyed):
         return _nothing(first, refused, spec.friction)
     spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
-    choice, reduced = choose(spectra, shapes, first.inputs, spec.friction == "auto")
-    data = [configuration.with_shapes(reduced.candidates, reduced.rates) for configuration in spectra]
-    shapes = tuple(shapes[i] for i in reduced.candidates)
+    choice, picked, rates = choose(spectra, shapes, first.inputs, spec.friction == "auto")
+    data = [configuration.with_shapes(picked, rates) for configuration in spectra]
+    shapes = tuple(shapes[i] for i in picked)
     later = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[few:])
     if refused := _refused(later):
         return _nothing(first, refused, spec.friction)
     every = np.arange(len(shapes))
-    data += [
-        configuration.data.with_shapes(every, reduced.rates)
-        for configuration in later
-        if configuration.data is not None
-    ]
+    data += [configuration.data.with_shapes(every, rates) for configuration in later if configuration.data is not None]
     names = tuple(configuration.name for configuration in (*surveyed, *later))
     limits = {note.text: note for configuration in (*surveyed, *later) for note in configuration.limits}
     return _Survey(first, tuple(measured[-1]), names, data, choice, tuple(limits.values()))
@@ -162,18 +155,7 @@ def _surveyed(
 
 def _refused(surveyed: Sequence[_Configuration]) -> str:
     """Why friction cannot be found in the first configuration of which that is so."""
-    return next((configuration.refusal for configuration in surveyed if configuration.refusal), "")
-
-
-def _gathered(
-    shapes: Sequence[Shape],
-    spec: EstimatorSpec,
-    planned: IntArray | None,
-    friction: FrictionTakenOut,
-    measured: Iterable[Record],
-) -> ConfigurationSpectra:
-    """The spectra of a configuration along its motion under the friction that was found."""
-    return gather_configuration(tuple(measured), shapes, spec, planned, friction)
+    return next(filter(None, (configuration.refusal for configuration in surveyed)), "")
 
 
 def _result(
@@ -246,14 +228,15 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
 
 
 def accelerance_of_lines(
-    data: Sequence[ConfigurationSpectra], frictions: Sequence[ComplexArray], quantity: Quantity
+    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray, quantity: Quantity
 ) -> FloatArray:
     """Acceleration per torque (n_m,) of each motor at the highest excited lines; never negative.
 
-    frictions: torques (F, n_m, K) that are taken out of each configuration.
+    levels (n_f,): of the friction at motors motor_of (n_f,) that is taken out.
     """
     responses = []
-    for configuration, friction in zip(data, frictions, strict=True):
+    for configuration in data:
+        friction = taken(levels, configuration.Phi, motor_of, configuration.U.shape[1])
         # A motor moves as an inertia at the highest eighth of the excited lines.
         on = np.flatnonzero(configuration.excited)[-max(1, int(1 / 8 * configuration.excited.sum())) :]
         G = configuration.Y[on] @ np.linalg.pinv(configuration.U[on] - friction[on])

@@ -75,7 +75,7 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
         own = friction_spectrum(record, place, motion, friction)
         torque = held[: n * cells // 2 + 1].copy()
         torque[: len(own)] -= own[: len(torque)]
-        return np.asarray(accelerance * twice_integrated(torque, record))
+        return np.asarray(accelerance * (torque * twice_above(len(torque), n, record.rate_hz)))
 
     # To a tenth of the first error of the part above half the rate; most motions need 5 repetitions.
     start = part_above(motion, CELLS)
@@ -112,13 +112,8 @@ def held_spectrum(samples: FloatArray) -> ComplexArray:
     return held
 
 
-def twice_integrated(torque: ComplexArray, record: Record) -> ComplexArray:
-    """Its second integral above half the rate, DFT (n cells // 2 + 1,) like the torque; 0 at all lower lines."""
-    return torque * _twice_above(len(torque), whole_samples(record), record.rate_hz)
-
-
 @lru_cache(maxsize=4)
-def _twice_above(lines: int, n: int, rate_hz: float) -> FloatArray:
+def twice_above(lines: int, n: int, rate_hz: float) -> FloatArray:
     """1 / s^2 (lines,) of lines of n samples, above half the rate, 0 at all lower ones."""
     values = np.zeros(lines)
     values[n // 2 + 1 :] = 1 / (laplace(lines, n, rate_hz)[n // 2 + 1 :] ** 2).real
@@ -222,7 +217,9 @@ def other_images(record: Record, place: str, torque: ComplexArray, friction: Fri
     if accelerance == 0 or not shows_images(record, place):
         return np.zeros(n)
     held = held_spectrum(as_held(torque, record, place))
-    return np.asarray(irfft(folded(accelerance * twice_integrated(torque - held, record), n), n))
+    return np.asarray(
+        irfft(folded(accelerance * ((torque - held) * twice_above(len(torque), n, record.rate_hz)), n), n)
+    )
 
 
 def as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:

@@ -72,9 +72,8 @@ class FrictionTakenOut:
 
     def sliding_level(self, place: str) -> tuple[float, float]:
         """F_c in Nm (N) of steady sliding at a motor, the sum of its levels, and its standard deviation."""
-        return self._combined(
-            np.array([shape.place == place and not shape.is_rate for shape in self.shapes], dtype=np.float64)
-        )
+        row = np.array([shape.place == place and not shape.is_rate for shape in self.shapes], dtype=np.float64)
+        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of steady sliding, at `distance` (n,) from it, and its standard deviation.
@@ -91,9 +90,6 @@ class FrictionTakenOut:
         of_place = np.array([shape.place == place for shape in self.shapes])
         rows = np.stack(values, axis=1) * of_place
         return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
-
-    def _combined(self, row: FloatArray) -> tuple[float, float]:
-        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.distortion import interpolated
-from elastid.frf.lines import analysed_lines, lines_are_known
+from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
@@ -61,8 +61,14 @@ class ConfigurationSpectra:
     @property
     def is_invertible(self) -> bool:
         """True if the experiments separate the inputs and G has an inverse, at every line that is excited."""
-        both = self.U[self.excited], self.Y[self.excited]
-        return not self.excited.any() or all(_has_full_rank(spectra) for spectra in both)
+        if not self.excited.any():
+            return True
+        for spectra in (self.U[self.excited], self.Y[self.excited]):
+            largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
+            values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
+            if not np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]):
+                return False
+        return True
 
     def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
         """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
@@ -101,7 +107,7 @@ class ConfigurationSpectra:
 
 
 def gather_configuration(
-    records: Sequence[Record],
+    measured: Iterable[Record],
     shapes: Sequence[Shape],
     spec: EstimatorSpec,
     planned: IntArray | None,
@@ -112,11 +118,9 @@ def gather_configuration(
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
     """
+    records = tuple(measured)
     first = records[0]
-    known = lines_are_known(spec, planned)
-    spectra = [
-        RecordSpectra(used_spectra) if known else RecordSpectra(used_spectra).with_driver() for used_spectra in records
-    ]
+    spectra = spectra_of(records, spec, planned)
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
@@ -172,13 +176,6 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
     for f in np.flatnonzero(levels):
         torque[:, motor_of[f]] += levels[f] * Phi[:, f]
     return torque
-
-
-def _has_full_rank(spectra: ComplexArray) -> bool:
-    """True if the signals of spectra (F, n_m, K), each over its largest amplitude, are independent at every line."""
-    largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
-    values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
-    return bool(np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]))
 
 
 def _some(lines: IntArray) -> IntArray:

@@ -17,9 +17,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
-from elastid.frf.distortion import interpolated
+from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
-from elastid.frf.friction_bias import SYSTEMATIC_ERRORS
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import as_held, friction_spectrum, other_images, over_whole_periods, sharp_motion

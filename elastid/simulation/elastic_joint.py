@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
-from elastid.friction.law import Curve
+from elastid.friction.static import Curve
 from elastid.model.formulation import formulate
 from elastid.robot import Robot
 from elastid.simulation.dynamics import runge_kutta_step

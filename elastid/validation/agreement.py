@@ -9,7 +9,7 @@ are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.response import FrequencyResponse
-from elastid.validation.cross_validation import generalises
+from elastid.validation.comparison import generalises
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     above_2sigma,
@@ -37,7 +37,6 @@ from elastid.validation.results import (
     Peak,
     PeakKind,
     Validation,
-    antiresonances,
     are_white,
     noise_p,
     paired_resonances,
@@ -45,7 +44,7 @@ from elastid.validation.results import (
     resonances,
 )
 
-_FINDERS: dict[PeakKind, Callable[..., FloatArray]] = {"resonance": resonances, "antiresonance": antiresonances}
+_SIGNS: dict[PeakKind, int] = {"resonance": 1, "antiresonance": -1}
 
 
 def validate(
@@ -82,23 +81,33 @@ def agreement(
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
     in independent directions; tests allow for them, as for the systematic errors of the measured one.
     """
-    _check_pair(measured, modelled)
+    name = measured.configuration.name
+    for each in ("inputs", "outputs", "quantity"):
+        if getattr(measured, each) != getattr(modelled, each):
+            raise ValueError(f"{each} differ: {getattr(measured, each)} measured, {getattr(modelled, each)} modelled")
+    if name != modelled.configuration.name:
+        raise ValueError(f"{name} measured, {modelled.configuration.name} modelled")
+    if not np.array_equal(measured.freq_hz, modelled.freq_hz):
+        raise ValueError(f"{name}: measured and modelled lines differ")
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
     sigma, dof = sigma_of(measured, noise)
     judged = above_2sigma(measured, sigma)
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
+    # |G| counts as sigma at least, so that an element that the model decouples is finite.
+    tiny = np.finfo(float).tiny
+    reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     r, bound = autocorrelation(e)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     inside = np.where(known.any(axis=0), _mean(np.abs(e) <= 2, known), np.nan)
     return Agreement(
-        configuration=measured.configuration.name,
+        configuration=name,
         left_out=left_out,
         outputs=measured.outputs,
         inputs=measured.inputs,
         lines=judged.sum(axis=0),
-        rms_log_db=np.sqrt(_mean(_log_ratio_db(Ghat, G, sigma) ** 2, judged)),
+        rms_log_db=np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
         phase_rms_deg=np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
         inside_2sigma=inside,
         inside_expected=inside_expected(dof),
@@ -129,23 +138,6 @@ def _tests(
     return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
 
 
-def _check_pair(measured: FrequencyResponse, modelled: FrequencyResponse) -> None:
-    for name in ("inputs", "outputs", "quantity"):
-        if getattr(measured, name) != getattr(modelled, name):
-            raise ValueError(f"{name} differ: {getattr(measured, name)} measured, {getattr(modelled, name)} modelled")
-    if measured.configuration.name != modelled.configuration.name:
-        raise ValueError(f"{measured.configuration.name} measured, {modelled.configuration.name} modelled")
-    if not np.array_equal(measured.freq_hz, modelled.freq_hz):
-        raise ValueError(f"{measured.configuration.name}: measured and modelled lines differ")
-
-
-def _log_ratio_db(Ghat: ComplexArray, G: ComplexArray, sigma: FloatArray) -> FloatArray:
-    """20 log10 |Ghat / G|; |G| counts as sigma at least, so that an element that the model decouples is finite."""
-    tiny = np.finfo(float).tiny
-    reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
-    return np.asarray(20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference))
-
-
 def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
     """Mean (n_y, n_u) along frequency over some lines, NaN without any."""
     count = where.sum(axis=0)
@@ -158,17 +150,16 @@ def _peaks(measured: FrequencyResponse, modelled: FrequencyResponse, sigma: Floa
     peaks: list[Peak] = []
     for i, output in enumerate(measured.outputs):
         for j, source in enumerate(measured.inputs):
-            for kind, finder in _FINDERS.items():
-                f = finder(freq_hz, measured.G[:, i, j], sigma[:, i, j])
-                of_model = finder(freq_hz, modelled.G[:, i, j], prominence_db=PEAKS.min_prominence_db / 3)
+            for kind, sign in _SIGNS.items():
+                f = resonances(freq_hz, measured.G[:, i, j], sigma[:, i, j], sign=sign)
+                of_model = resonances(freq_hz, modelled.G[:, i, j], None, PEAKS.min_prominence_db / 3, sign)
                 partner = paired_resonances(f, of_model)
                 peaks += [Peak(output, source, kind, *pair) for pair in zip(f.tolist(), partner.tolist(), strict=True)]
     return tuple(peaks)
 
 
 def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
-    fitted = [a for a in agreements if not a.left_out]
-    left_out = [a for a in agreements if a.left_out]
+    fitted, left_out = ([a for a in agreements if a.left_out is is_out] for is_out in (False, True))
     judged = left_out or fitted
     db, deg = _over(judged)
     if math.isnan(db):
@@ -193,9 +184,8 @@ def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
     """Magnitude and phase error over all judged lines of several configurations."""
-    lines = np.array([a.lines.sum() for a in agreements])
-    db = np.array([a.overall_rms_log_db for a in agreements])
-    return pooled_rms(db, lines), pooled_rms(np.array([a.overall_phase_rms_deg for a in agreements]), lines)
+    db, deg, lines = np.array([(a.overall_rms_log_db, a.overall_phase_rms_deg, a.lines.sum()) for a in agreements]).T
+    return pooled_rms(db, lines), pooled_rms(deg, lines)
 
 
 def _noise_clause(agreements: Sequence[Agreement], cost_p: float) -> str:

@@ -133,12 +133,8 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
 
 def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[FactorSpec, ...]:
     """The factors of these configurations."""
-    chosen = []
-    for factor in factors:
-        configurations = tuple(name for name in factor.configurations if name in names)
-        if configurations or not factor.configurations:
-            chosen.append(replace(factor, configurations=configurations))
-    return tuple(chosen)
+    own = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in factors]
+    return tuple(replace(factor, configurations=some) for factor, some in own if some or not factor.configurations)
 
 
 def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSpec) -> LeftOut:
@@ -192,13 +188,10 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
         sentence += f"; {', '.join(row.name for row in equal)} cannot be distinguished from it with these data"
     worse = [row for row in rivals if row not in equal]
     if worse:
-        sentence += f"; the others are worse by more than the standard error, by {_worse(worse, best)}"
+        factors = [math.sqrt(row.mean_misfit / best.mean_misfit) for row in worse]
+        low, high = min(factors), max(factors)
+        by = f"a factor {low:.3g}" if len(worse) == 1 else f"factors {low:.3g} to {high:.3g}"
+        sentence += f"; the others are worse by more than the standard error, by {by} of the error"
     if simplest is not best and simplest.n_free < best.n_free:
         sentence += f". The simplest model as good as that is {simplest.name}, with {simplest.n_free} parameters"
     return sentence + "."
-
-
-def _worse(rows: Sequence[ComparedModel], best: ComparedModel) -> str:
-    factors = [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rows]
-    low, high = min(factors), max(factors)
-    return f"a factor {low:.3g} of the error" if len(rows) == 1 else f"factors {low:.3g} to {high:.3g} of the error"

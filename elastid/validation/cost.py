@@ -8,7 +8,7 @@ over all lines and elements that count: the excess of a configuration, element o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,16 +157,14 @@ def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
 
 def _places(excess: Excess, first: FrequencyResponse) -> str:
     """The location of most of the excess, as the end of a sentence."""
-    places = ", ".join(_large_shares(excess, first))
-    return f"; of the excess, {places}." if places else "; the excess is spread over all configurations and elements."
-
-
-def _large_shares(excess: Excess, first: FrequencyResponse) -> Iterator[str]:
+    places = []
     for where, word in ((excess.configuration, "in configuration "), (excess.element, "in ")):
         largest = excess.largest(where) if len(set(where)) > 1 else None
         if largest is not None:
-            yield f"{100 * largest[1]:.0f} % lies {word}{largest[0]}"
-    band = excess.band_hz()
-    if band is not None:
+            places.append(f"{100 * largest[1]:.0f} % lies {word}{largest[0]}")
+    if (band := excess.band_hz()) is not None:
         unit = "Hz" if first.rate_is_known else "of the sampling rate"
-        yield f"half lies between {band[0]:.4g} and {band[1]:.4g} {unit}"
+        places.append(f"half lies between {band[0]:.4g} and {band[1]:.4g} {unit}")
+    if not places:
+        return "; the excess is spread over all configurations and elements."
+    return f"; of the excess, {', '.join(places)}."

@@ -105,9 +105,9 @@ def elastic_balances(
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
-    full, frictionless, rigid = (
-        signals_of(_torque(Y_m, *part, freq_hz), lines, N) for part in (parts.whole, parts.frictionless, parts.rigid)
-    )
+    modelled = (frequency_response(*part, freq_hz) for part in (parts.whole, parts.frictionless, parts.rigid))
+    torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
+    full, frictionless, rigid = (signals_of(torque, lines, N) for torque in torques_of_models)
     measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
     torques = {RIGID_BODY: rigid, ELASTICITY: frictionless - rigid, VISCOUS: full - frictionless, DRY: dry}
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
@@ -118,11 +118,6 @@ def elastic_balances(
         )
         for i, place in enumerate(motors.inputs)
     )  # fmt: skip
-
-
-def _torque(Y: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    """U (F, n_u) that moves the motors by Y (F, n_u)."""
-    return np.asarray(np.linalg.solve(frequency_response(model, theta, freq_hz), Y[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -143,20 +138,16 @@ def elastic_runs(
 ) -> tuple[TwinRun, ...]:
     """The runs along a record, compared within band_hz.
 
+    Of a record without a period at most LONGEST_S from its beginning are simulated.
     rig: which the record is of; None for a log, whose controller is not known: its torque alone drives the twin then.
     """
     if not record.rate_is_known:
         return ()
-    rigs = [None] if rig is None else [None, rig]
-    return tuple((execution or Execution()).ordered(partial(_run, _shortened(record), twin, band_hz), rigs))
-
-
-def _shortened(record: Record) -> Record:
-    """One without a period from its beginning, at most LONGEST_S of it."""
     n = round(LONGEST_S * record.rate_hz)
-    if record.is_periodic or record.n_samples <= n:
-        return record
-    return replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
+    if not record.is_periodic and record.n_samples > n:
+        record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
+    rigs = [None] if rig is None else [None, rig]
+    return tuple((execution or Execution()).ordered(partial(_run, record, twin, band_hz), rigs))
 
 
 def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
@@ -187,7 +178,10 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     """The last period of the robot under the periodic torque of a record; DataError where it is lost."""
     plant = TwinPlant.of(robot, record.rate_hz, record.configuration, spec)
     model, q0, angles = plant.plant.model, plant.point.q, record.configuration.angles
-    period, N, motors = _last(record), record.period_samples, [model.inputs.index(place) for place in record.inputs]
+    N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
+    left_out = {repetition // (2 if record.half_wave else 1) for repetition in record.left_out}
+    last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
+    period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
         if (place, "position") in zip(record.outputs, record.quantities, strict=True):
@@ -198,8 +192,11 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     if not record.is_periodic:
         velocity[0] = velocity[1]
     torque = np.tile(plant.point.u, (N, 1))
-    torque[:, motors] += _held(record, period) / [robot.chain.gain("u", place) for place in record.inputs]
-    lead = _lead(record, held_hz)
+    torque[:, motors] += _held(record, record.u[period]) / [robot.chain.gain("u", place) for place in record.inputs]
+    period_s = N / record.rate_hz
+    # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
+    lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
+    lead = lead if record.is_periodic else 0  # periods before the one that is compared
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
@@ -215,32 +212,14 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     )  # fmt: skip
 
 
-def _last(record: Record) -> slice:
-    """The samples of the last whole period that was not left out."""
-    N, per = record.period_samples, 2 if record.half_wave else 1
-    left_out = {repetition // per for repetition in record.left_out}
-    last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
-    return slice(last * N, (last + 1) * N)
-
-
-def _held(record: Record, period: slice) -> FloatArray:
-    """The command (N, n_u), held from sample to sample, whose torque acts as that of the record does; no mean."""
+def _held(record: Record, u: FloatArray) -> FloatArray:
+    """The command (N, n_u), held from sample to sample, whose torque acts as that of one period u does; no mean."""
     N = record.period_samples
     freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
     held = replace(record, hold="zero-order", hold_samples=())
     factor = record.hold_response(freq_hz) / held.hold_response(freq_hz)
     factor[0] = 0.0
-    return np.asarray(np.fft.irfft(np.fft.rfft(record.u[period], axis=0) * factor, N, axis=0))
-
-
-def _lead(record: Record, held_hz: float) -> int:
-    """Periods that are simulated before the one that is compared."""
-    if not record.is_periodic:
-        return 0
-    period_s = record.period_samples / record.rate_hz
-    most = max(0, math.floor(LONGEST_S / period_s) - 1)
-    # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
-    return min(most, math.ceil(1.5 / held_hz / period_s))
+    return np.asarray(np.fft.irfft(np.fft.rfft(u, axis=0) * factor, N, axis=0))
 
 
 def _compared(

@@ -85,8 +85,10 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
     for name in names:
         own = [value for value in known if value.parameter == name]
         tests += [*_differences(name, own), *_trends(name, own)]
-    chosen = _discovered(tests, false_discovery_rate)
-    return tuple(sorted(chosen, key=lambda finding: (finding.p, finding.parameter, finding.robot)))
+    tests.sort(key=lambda finding: (finding.p, finding.parameter, finding.robot))
+    # Those with a p up to the largest p_(i) <= rate i / n.
+    ends = [i for i, test in enumerate(tests, start=1) if test.p <= false_discovery_rate * i / len(tests)]
+    return tuple(tests[: max(ends, default=0)])
 
 
 def _differences(name: str, values: Sequence[FleetValue]) -> list[Finding]:
@@ -137,14 +139,5 @@ def _numbers(values: Sequence[FleetValue], is_relative: bool) -> tuple[FloatArra
 
 
 def _finding(kind: Kind, robot: str, name: str, off: float, std: float, is_relative: bool) -> Finding:
-    z = off / std
-    return Finding(
-        kind, robot, name, math.expm1(off) if is_relative else off, is_relative, z, float(2 * norm.sf(abs(z)))
-    )
-
-
-def _discovered(tests: Sequence[Finding], rate: float) -> list[Finding]:
-    """Those with a p up to the largest p_(i) <= rate i / n."""
-    ordered = sorted(tests, key=lambda test: test.p)
-    last = max((i for i, test in enumerate(ordered, start=1) if test.p <= rate * i / len(ordered)), default=0)
-    return ordered[:last]
+    z, change = off / std, math.expm1(off) if is_relative else off
+    return Finding(kind, robot, name, change, is_relative, z, float(2 * norm.sf(abs(z))))

@@ -28,7 +28,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra, period_spectra
+from elastid.frf.spectra import RecordSpectra, period_spectra, unit_scale
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
@@ -85,7 +85,10 @@ def _replayed(
         Yhat = (G @ U[..., None])[..., 0]
         Yhat = Yhat + _end_effects(Y[0] - Yhat[0], model, theta, freq_hz)
     E = Y - Yhat
-    measured, error, noise = (_rms(X) for X in (Y, E, _not_repeating(E)))
+    P = len(E)
+    # The part that differs from period to period is not known of a single one.
+    changing = (E - E.mean(axis=0)) * np.sqrt(P / (P - 1)) if P > 1 else np.full_like(E, np.nan)
+    measured, error, noise = (_rms(X) for X in (Y, E, changing))
     still = measured == 0
     scale = np.where(still, np.nan, measured)
     N = record.period_samples
@@ -118,10 +121,10 @@ def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[Comp
     periods = range(record.n_samples // record.repeat_samples)
     last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
-    spectra = RecordSpectra(record)
-    Y = spectra.amplitudes("y", lines)[last] * (2j * np.pi * freq_hz[:, None]) ** order
-    return Y, spectra.amplitudes("u", lines)[last] * record.hold_response(freq_hz)
+    spectra, n_y = RecordSpectra(record), len(record.outputs)
+    Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
+    scale = unit_scale(record, freq_hz, quantity)
+    return Y * scale[:, :n_y], U * scale[:, n_y:]
 
 
 def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
@@ -143,14 +146,6 @@ def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz
     size[size == 0] = 1.0
     x = np.linalg.lstsq(A / size, np.concatenate([E.real.ravel(), E.imag.ravel()]), rcond=None)[0] / size
     return np.asarray(terms @ x)
-
-
-def _not_repeating(E: ComplexArray) -> ComplexArray:
-    """The part of E (P, F, n_y) that differs from period to period; NaN for one period."""
-    P = len(E)
-    if P < 2:
-        return np.full_like(E, np.nan)
-    return np.asarray((E - E.mean(axis=0)) * np.sqrt(P / (P - 1)))
 
 
 def _rms(X: ComplexArray) -> FloatArray:

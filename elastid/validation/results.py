@@ -54,21 +54,33 @@ class Peak:
 
 
 def resonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PEAKS.min_prominence_db
+    freq_hz: FloatArray,
+    G: ComplexArray,
+    std: FloatArray | None = None,
+    prominence_db: float = PEAKS.min_prominence_db,
+    sign: int = 1,
 ) -> FloatArray:
-    """Frequencies (n,) of the peaks of |G| (F,), increasing, none at the ends of the band.
+    """Frequencies (n,) of the peaks of |G| (F,) (sign 1) or of its dips (-1), increasing, none at the ends of the band.
 
     A peak has a prominence of prominence_db; with std (F,) of G, also of 6 standard deviations, and the standard
-    deviation of its frequency is below 1 %.
+    deviation of its frequency is below 1 %.  An element that is zero somewhere has none.
     """
-    return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=1)
-
-
-def antiresonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PEAKS.min_prominence_db
-) -> FloatArray:
-    """Frequencies (n,) of the dips of |G| (F,), increasing, under the same conditions."""
-    return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=-1)
+    magnitude = np.abs(G)
+    if len(G) < 3 or not np.all(magnitude > 0):
+        return np.array([])
+    std = np.zeros(len(G)) if std is None else std
+    level = sign * np.log(magnitude)
+    p, std_p = (1 / G, std / magnitude**2) if sign > 0 else (G, std)
+    frequencies = []
+    inner = level[1:-1]
+    for peak in (np.flatnonzero((inner > level[:-2]) & (inner >= level[2:])) + 1).tolist():
+        base = _base(level, peak)
+        prominent = level[peak] - level[base] > prominence_db * math.log(10) / 20
+        if prominent and _is_significant(magnitude[[peak, base]], std[[peak, base]]):
+            f, std_f = _minimum(freq_hz, p, std_p, peak)
+            if std_f < PEAKS.max_frequency_std * f:
+                frequencies.append(f)
+    return np.array(frequencies)
 
 
 def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
@@ -84,25 +96,6 @@ def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
     )
     partner[mutual] = modelled[nearest[mutual]]
     return partner
-
-
-def _peaks(freq_hz: FloatArray, G: ComplexArray, std: FloatArray, prominence_db: float, sign: int) -> FloatArray:
-    """Peaks (sign 1) or dips (-1) that are prominent and can be located; an element that is zero somewhere has none."""
-    magnitude = np.abs(G)
-    if len(G) < 3 or not np.all(magnitude > 0):
-        return np.array([])
-    level = sign * np.log(magnitude)
-    p, std_p = (1 / G, std / magnitude**2) if sign > 0 else (G, std)
-    frequencies = []
-    inner = level[1:-1]
-    for peak in (np.flatnonzero((inner > level[:-2]) & (inner >= level[2:])) + 1).tolist():
-        base = _base(level, peak)
-        prominent = level[peak] - level[base] > prominence_db * math.log(10) / 20
-        if prominent and _is_significant(magnitude[[peak, base]], std[[peak, base]]):
-            f, std_f = _minimum(freq_hz, p, std_p, peak)
-            if std_f < PEAKS.max_frequency_std * f:
-                frequencies.append(f)
-    return np.array(frequencies)
 
 
 def _is_significant(magnitude: FloatArray, std: FloatArray) -> bool:
@@ -198,27 +191,23 @@ class Agreement:
     @property
     def overall_inside_2sigma(self) -> float:
         """Share of the lines of all elements within 2 sigma."""
-        known = np.isfinite(self.inside_2sigma)
-        return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
+        return _known_mean(self.inside_2sigma)
 
     @property
     def overall_rms_sigma(self) -> float:
         """Residual over its standard deviation, rms over all elements with one."""
-        known = np.isfinite(self.rms_sigma)
-        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
+        return math.sqrt(_known_mean(self.rms_sigma**2))
 
     @property
     def coloured(self) -> float:
         """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
-        known = np.isfinite(self.autocorrelation)
-        beyond = self.autocorrelation[known] > self.autocorrelation_bound[known]
-        return float(beyond.mean()) if known.any() else math.nan
+        r = self.autocorrelation
+        return _known_mean(np.where(np.isfinite(r), r > self.autocorrelation_bound, np.nan))
 
     @property
     def not_normal(self) -> float:
         """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
-        known = np.isfinite(self.normality)
-        return float((self.normality[known] > NORMALITY_95).mean()) if known.any() else math.nan
+        return _known_mean(np.where(np.isfinite(self.normality), self.normality > NORMALITY_95, np.nan))
 
     @property
     def is_white(self) -> bool:
@@ -229,6 +218,12 @@ class Agreement:
         """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
         matched = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
         return max(matched, key=lambda peak: abs(peak.error_percent), default=None)
+
+
+def _known_mean(values: FloatArray) -> float:
+    """Of the values that are not NaN; NaN without any."""
+    known = np.isfinite(values)
+    return float(values[known].mean()) if known.any() else math.nan
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:

@@ -12,13 +12,13 @@ Over frequency the same with spectra U, T_i of Hann's window, summed over the li
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.label import labelled
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
@@ -103,33 +103,42 @@ def torque_balance(
     shares, left, without = _explained(measured[None], torques[:, None], dry)
     window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
-    freq_hz = np.fft.rfftfreq(len(measured), 1 / rate_hz)
-    edges = octaves(band_hz, rate_hz / len(measured))
-    lines = [(freq_hz >= low) & (freq_hz < high) for low, high in pairwise(edges)]
-    total = max(float(sum(np.sum(np.abs(U[band]) ** 2) for band in lines)), 1e-300)
+    octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
+    total = max(float(sum(np.sum(np.abs(U[inside]) ** 2) for _, _, inside in octaves)), 1e-300)
     bands = tuple(
-        BandBalance(low, high, float(np.sum(np.abs(U[band]) ** 2)) / total, *_explained(U[band], T[:, band], dry))
-        for (low, high), band in zip(pairwise(edges), lines, strict=True)
+        BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
+        for low, high, inside in octaves
     )
     return TorqueBalance(
         place, log, unit, rate_hz, names, measured, torques, shares, left, without, bands, rate_is_known
     )
 
 
-def octaves(band_hz: tuple[float, float], resolution_hz: float) -> tuple[float, ...]:
-    """Ends of bands of an octave each from the top of band_hz down; the lowest reaches down to its bottom."""
+def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
+    """Ends of bands of an octave each below the top of band_hz, and their lines in a DFT of n samples, upwards.
+
+    The lowest reaches down to the bottom of band_hz.
+    """
     low, high = band_hz
     edges = [high]
-    while edges[-1] / 2 > max(
-        2 * low, 4 * resolution_hz
-    ):  # lines of the window, below which a band is that of a neighbour
+    # Below four lines, those of the window, a band is that of a neighbour.
+    while edges[-1] / 2 > max(2 * low, 4 * (rate_hz / n)):
         edges.append(edges[-1] / 2)
-    return (low, *reversed(edges)) if low < edges[-1] else tuple(reversed(edges))
+    if low < edges[-1]:
+        edges.append(low)
+    freq_hz = np.fft.rfftfreq(n, 1 / rate_hz)
+    for first, last in pairwise(reversed(edges)):
+        yield first, last, (freq_hz >= first) & (freq_hz < last)
 
 
 def describe_balance(balance: TorqueBalance) -> str:
     """Shares of the parts, in two sentences."""
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in _named_shares(balance))
+    pairs = list(zip(balance.parts, balance.shares, strict=True))
+    rigid = [each for each in pairs if each[0] not in FRICTION]
+    if not all(0 <= share <= 1 for _, share in rigid):  # they oppose each other, as about an antiresonance
+        together = " and ".join(part for part, _ in rigid) + " together"
+        pairs = [(together, sum(share for _, share in rigid)), *(each for each in pairs if each[0] in FRICTION)]
+    shares = ", ".join(f"{part} {share:.1%}" for part, share in pairs)
     text = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
     if any(part in FRICTION for part in balance.parts):
         text += f" (without friction {balance.left_without_friction:.1%})"
@@ -139,16 +148,6 @@ def describe_balance(balance: TorqueBalance) -> str:
         f"{worst.power:.2%} of the torque's power lies: {worst.left:.0%} of that, without friction "
         f"{worst.left_without_friction:.0%}."
     )
-
-
-def _named_shares(balance: TorqueBalance) -> list[tuple[str, float]]:
-    """Parts and shares; those without friction as one where they oppose each other, as about an antiresonance."""
-    shares = list(zip(balance.parts, balance.shares, strict=True))
-    rigid = [each for each in shares if each[0] not in FRICTION]
-    if all(0 <= share <= 1 for _, share in rigid):
-        return shares
-    together = " and ".join(part for part, _ in rigid) + " together"
-    return [(together, sum(share for _, share in rigid)), *(each for each in shares if each[0] in FRICTION)]
 
 
 def _explained(

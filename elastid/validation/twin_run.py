@@ -13,9 +13,8 @@ adds is what the model lacks at low frequencies, and is shown as error of the to
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -30,7 +29,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
-from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octaves
+from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octave_lines
 
 Drive: TypeAlias = Literal["reference", "torque"]
 SignalKind: TypeAlias = Literal["torque", "motor angle", "link motion"]
@@ -148,30 +147,26 @@ def twin_signal(
         for each in (simulated, free)
     )
     bands = tuple(_band_errors(signals, rate_hz, band_hz))
-    empty = np.zeros(0)
-    return TwinSignal(kind, place, unit, measured, simulated, empty if free is None else free, error, without, bands)
+    free = np.zeros(0) if free is None else free
+    return TwinSignal(kind, place, unit, measured, simulated, free, error, without, bands)
 
 
 def _band_errors(
     signals: tuple[FloatArray, FloatArray, FloatArray | None], rate_hz: float, band_hz: tuple[float, float]
-) -> list[BandError]:
+) -> Iterator[BandError]:
     measured, simulated, free = signals
-    n = len(measured)
-    window, freq_hz = np.hanning(n + 1)[:-1], np.fft.rfftfreq(n, 1 / rate_hz)
+    window = np.hanning(len(measured) + 1)[:-1]
     power = np.abs(np.fft.rfft(window * (measured - measured.mean()))) ** 2
     errors = [
-        np.full(len(freq_hz), np.nan) if each is None else np.abs(np.fft.rfft(window * (measured - each))) ** 2
+        np.full(len(power), np.nan) if each is None else np.abs(np.fft.rfft(window * (measured - each))) ** 2
         for each in (simulated, free)
     ]
-    edges = octaves(band_hz, rate_hz / n)
-    bands = [(low, high, (freq_hz >= low) & (freq_hz < high)) for low, high in pairwise(edges)]
+    bands = list(octave_lines(band_hz, rate_hz, len(measured)))
     total = max(sum(float(power[inside].sum()) for _, _, inside in bands), 1e-300)
-    band_errors = []
     for low, high, inside in bands:
         own = float(power[inside].sum())
         both = (math.sqrt(float(each[inside].sum()) / max(own, 1e-300)) for each in errors)
-        band_errors.append(BandError(low, high, own / total, *both))
-    return band_errors
+        yield BandError(low, high, own / total, *both)
 
 
 def describe_run(run: TwinRun) -> str:
@@ -191,21 +186,17 @@ def describe_run(run: TwinRun) -> str:
     )
     if run.lost_without_friction:
         text += f" Without friction it is lost: {run.lost_without_friction}."
-    return f"{text} {_worst_band(run)}"
+    pairs = [(signal, signal.worst) for signal in run.signals if signal.worst is not None]
+    if not pairs:
+        return f"{text} "
+    signal, band = max(pairs, key=lambda pair: pair[1].error)
+    return (
+        f"{text} By octaves it is worst from {band.low_hz:.3g} to {band.high_hz:.3g} Hz in the {signal.kind} of "
+        f"{signal.place}: {100 * band.error:.3g} % of the signal in it, which is {100 * band.power:.2g} % of its power."
+    )
 
 
 _DRIVES = {"reference": "reference through its controller", "torque": "torque"}
-
-
-def _worst_band(run: TwinRun) -> str:
-    pairs = [(signal, signal.worst) for signal in run.signals if signal.worst is not None]
-    if not pairs:
-        return ""
-    signal, band = max(pairs, key=lambda pair: pair[1].error)
-    return (
-        f"By octaves it is worst from {band.low_hz:.3g} to {band.high_hz:.3g} Hz in the {signal.kind} of "
-        f"{signal.place}: {100 * band.error:.3g} % of the signal in it, which is {100 * band.power:.2g} % of its power."
-    )
 
 
 def _spread(errors: Sequence[float]) -> str:

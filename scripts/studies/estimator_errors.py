@@ -17,7 +17,7 @@ from scipy.special import exp1
 from elastid.base.arrays import ComplexArray
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.covariance import equation_error, noise_covariance, total_covariance, total_error
-from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.methods import METHODS, arithmetic_mean, h1, h2, harmonic_mean, logarithmic_mean
 
 LEVELS_DB = ((3, 6), (6, 6), (8, 6), (10, 10), (20, 20))
@@ -42,8 +42,9 @@ def biases(snr_y_db: float, snr_u_db: float, parts: int) -> dict[str, tuple[floa
         sums["arithmetic"] += arithmetic_mean(Y / U).mean().real
         sums["harmonic"] += np.mean(1 / harmonic_mean(Y / U)).real
         sums["logarithmic"] += np.mean(np.log(np.abs(logarithmic_mean(Y / U))))
-        sums["h1"] += h1([block], nothing).G.mean().real
-        sums["h2"] += h2([block], nothing).G.mean().real
+        data = MeanSpectra((block,), nothing, 0)
+        sums["h1"] += h1(data).G.mean().real
+        sums["h2"] += h2(data).G.mean().real
     mean = {name: value / parts for name, value in sums.items()}
     found = mean | {"harmonic": 1 / mean["harmonic"], "logarithmic": np.exp(mean["logarithmic"])}
     expected = {
@@ -67,7 +68,7 @@ def simulated(rng: np.random.Generator, G: ComplexArray, mix: np.ndarray) -> Mea
         V = np.moveaxis(Z - mean, 0, 3).reshape(F, 2 * n, n * P)
         S_Z += V @ np.swapaxes(V, 1, 2).conj()
         blocks.append(Block(mean[:, n:], mean[:, :n], U, np.full(n, float(P)), np.zeros((F, n)), 1))
-    return MeanSpectra(tuple(blocks), Scatter(S_Z, 3 * n * (P - 1)))
+    return MeanSpectra(tuple(blocks), S_Z, 3 * n * (P - 1))
 
 
 def variance_ratios(runs: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -79,14 +80,14 @@ def variance_ratios(runs: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     for _ in range(runs):
         data = simulated(rng, G, mix)
         for method, (error, noise, total) in sums.items():
-            found = METHODS[method](data.blocks, data.scatter)
+            found = METHODS[method](data)
             of_total = total_error(data, found)
             assert of_total is not None
             # A bias is no variance.
             error += np.mean(np.abs(found.G - found.G.mean(axis=0)) ** 2, axis=0) * F / (F - 1)
-            C_V = equation_error(data.scatter, found.G)
-            noise += noise_covariance(data.blocks, found, C_V, data.scatter.dof).variance.mean(axis=0)
-            total += total_covariance(data.blocks, found, *of_total).variance.mean(axis=0)
+            C_V = equation_error(data, found.G)
+            noise += noise_covariance(data, found, C_V).variance.mean(axis=0)
+            total += total_covariance(data, found, *of_total).variance.mean(axis=0)
     return {method: (noise / error, total / error) for method, (error, noise, total) in sums.items()}
 
 

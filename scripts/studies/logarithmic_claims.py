@@ -56,7 +56,7 @@ from elastid.fit.setup.assembly import relinearise
 from elastid.fit.solve.solvers import MAX_HIT_EXCESS
 from elastid.fit.spec import WeightSpec
 from elastid.frf.covariance import total_covariance, total_error
-from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.methods import METHODS
 from elastid.response import FrequencyResponse
 
@@ -241,11 +241,11 @@ def compare_means(rig: Rig, sets: int, seed: int) -> list[dict[str, Any]]:
 def _response(exact: FrequencyResponse, blocks: list[Block], method: str) -> FrequencyResponse:
     """The estimate of a method with its covariance from the scatter over realisations."""
     n = exact.G.shape[1] + exact.G.shape[2]
-    data = MeanSpectra(tuple(blocks), Scatter(np.zeros((len(exact.G), n, n), dtype=complex), 0))
-    found = METHODS[method](data.blocks, data.scatter)
+    data = MeanSpectra(tuple(blocks), np.zeros((len(exact.G), n, n), dtype=complex), 0)
+    found = METHODS[method](data)
     error = total_error(data, found)
     assert error is not None
-    return replace(exact, G=found.G, total=total_covariance(data.blocks, found, *error))
+    return replace(exact, G=found.G, total=total_covariance(data, found, *error))
 
 
 def _circular(rng: np.random.Generator, *shape: int) -> ComplexArray:

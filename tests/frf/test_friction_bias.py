@@ -9,8 +9,8 @@ import pytest
 
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.least_squares import as_real
+from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE
 from elastid.frf.estimate import estimate
-from elastid.frf.friction_bias import OWN_SHARE, TURNED_SHARE
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
 

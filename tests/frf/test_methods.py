@@ -15,7 +15,7 @@ from scipy.special import exp1
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.experiment_blocks import Block, Scatter
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.methods import (
     AVERAGED,
     METHODS,
@@ -39,12 +39,16 @@ ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
 SQUARE = ("harmonic", "h2")
 
 
-def blocks_of(U: np.ndarray, Y: np.ndarray, R: np.ndarray | None = None, P: int = 2) -> list[Block]:
-    """Blocks from U (M, F, n_u, E), Y (M, F, n_y, E) and R like U."""
+def spectra_from(
+    U: np.ndarray, Y: np.ndarray, R: np.ndarray | None = None, P: int = 2, C_Z: np.ndarray | None = None
+) -> MeanSpectra:
+    """From U (M, F, n_u, E), Y (M, F, n_y, E) and R like U."""
     noise = np.zeros(U.shape[1:3])
-    return [
+    blocks = [
         Block(U[m], Y[m], None if R is None else R[m], np.full(U.shape[3], float(P)), noise, 1) for m in range(len(U))
     ]
+    n = U.shape[2] + Y.shape[2]
+    return MeanSpectra(tuple(blocks), np.zeros((U.shape[1], n, n)) if C_Z is None else C_Z, 1)
 
 
 def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -78,14 +82,14 @@ def test_bias_of_one_input_is_the_closed_form(snr_y_db: float, snr_u_db: float) 
     s_y, s_u = 10 ** (snr_y_db / 10), 10 ** (snr_u_db / 10)
     U = 1 + complex_normal(rng, M, F, 1, 1) / np.sqrt(s_u)
     Y = 1 + complex_normal(rng, M, F, 1, 1) / np.sqrt(s_y)
-    blocks, G = blocks_of(U, Y), Y / U
+    data, G = spectra_from(U, Y), Y / U
     log = np.exp(np.mean(np.log(np.abs(logarithmic_mean(G)))))
     found = {
         "arithmetic": (dB(arithmetic_mean(G).mean()), 1 - np.exp(-s_u)),
         "harmonic": (dB(1 / np.mean(1 / harmonic_mean(G))), 1 / (1 - np.exp(-s_y))),
         "logarithmic": (dB(log), np.exp((exp1(s_y) - exp1(s_u)) / 2)),
-        "h1": (dB(h1(blocks, G).G.mean()), s_u / (1 + s_u)),
-        "h2": (dB(h2(blocks, G).G.mean()), 1 + 1 / s_y),
+        "h1": (dB(h1(data).G.mean()), s_u / (1 + s_u)),
+        "h2": (dB(h2(data).G.mean()), 1 + 1 / s_y),
     }
     tolerance = 0.02 + 4 * 8.7 * np.sqrt((3 / s_y + 3 / s_u) / (M * F))
     for name, (bias_db, expected) in found.items():
@@ -145,14 +149,14 @@ def test_the_logarithm_is_taken_only_where_it_is_safe() -> None:
     G = np.eye(n) * np.ones((F, 1, 1))
     U = np.swapaxes(np.array([orthogonal_set(np.ones((F, n)), rng).transpose(1, 2, 0) for _ in range(M)]), 2, 3)
     Y = G @ U + 0.05 * complex_normal(rng, M, F, n, n)
-    found = logarithmic(blocks_of(U, Y), np.zeros((F, 2 * n, 2 * n)))
-    plain = arithmetic(blocks_of(U, Y), np.zeros((F, 2 * n, 2 * n)))
+    found = logarithmic(spectra_from(U, Y))
+    plain = arithmetic(spectra_from(U, Y))
     off = ~np.eye(n, dtype=bool)
     # Means of responses and means of products, on a plant of size 1.
     np.testing.assert_allclose(found.G[:, off], plain.G[:, off], rtol=0, atol=1e-15)
     assert np.any(np.abs(found.G[:, ~off] - plain.G[:, ~off]) > 1e-6)
     assert said(found.notes)[0].startswith("logarithmic mean at 33.3 % of lines and elements")
-    each = np.array([block.Y @ np.linalg.inv(block.U) for block in blocks_of(U, Y)])
+    each = np.array([block.Y @ np.linalg.inv(block.U) for block in spectra_from(U, Y).blocks])
     ungated = np.sqrt(np.mean(np.abs(logarithmic_mean(each)[:, off]) ** 2))
     assert ungated > 3 * np.sqrt(np.mean(np.abs(found.G[:, off]) ** 2))
 
@@ -165,9 +169,8 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
     R = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
     V, eye = 0.15 * complex_normal(rng, M, F, n, n), np.eye(n)
     U = np.linalg.solve(eye + C @ G, C @ (R - V) if injection == "reference" else R - C @ V)
-    blocks = blocks_of(U, G @ U + V, R)
-    nothing = np.zeros((F, 2 * n, 2 * n))
-    error = {m.__name__: np.sqrt(np.mean(np.abs(m(blocks, nothing).G - G) ** 2)) for m in (h1, joint, arithmetic)}
+    data = spectra_from(U, G @ U + V, R)
+    error = {m.__name__: np.sqrt(np.mean(np.abs(m(data).G - G) ** 2)) for m in (h1, joint, arithmetic)}
     assert error["h1"] > 2 * error["arithmetic"]
     assert error["h1"] > 2 * error["joint"]
 
@@ -179,9 +182,9 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_and_h2_are_b
     mix = 0.25 * (np.eye(2 * n) + 0.5 * np.tri(2 * n))
     U = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
     Z = np.concatenate([G @ U, U], axis=2) + mix @ complex_normal(rng, M, F, 2 * n, n)
-    blocks = blocks_of(Z[:, :, n:], Z[:, :, :n], P=1)
     C_Z = np.broadcast_to(mix @ mix.T, (F, 2 * n, 2 * n)).astype(complex)
-    error = {m.__name__: np.abs(m(blocks, Scatter(C_Z, 1)).G - G).mean() for m in (h1, h2, errors_in_variables)}
+    data = spectra_from(Z[:, :, n:], Z[:, :, :n], P=1, C_Z=C_Z)
+    error = {m.__name__: np.abs(m(data).G - G).mean() for m in (h1, h2, errors_in_variables)}
     assert error["errors_in_variables"] < 0.3 * min(error["h1"], error["h2"])
 
 
@@ -189,8 +192,8 @@ def test_hv_lies_between_h1_and_h2_and_is_right_where_both_sides_are_equally_noi
     """One input, one output, unit gain."""
     rng, M, F = np.random.default_rng(2), 4000, 8
     U, Y = (1 + 0.3 * complex_normal(rng, M, F, 1, 1) for _ in range(2))
-    blocks, nothing = blocks_of(U, Y), np.zeros((F, 2, 2))
-    low, middle, high = (np.abs(m(blocks, nothing).G).mean() for m in (h1, hv, h2))
+    data = spectra_from(U, Y)
+    low, middle, high = (np.abs(m(data).G).mean() for m in (h1, hv, h2))
     assert low < middle < high
     assert middle == pytest.approx(1, abs=0.01)
 
@@ -314,7 +317,7 @@ def test_harmonic_mean_is_the_inverse_of_the_mean_inverse() -> None:
     """Matrices, not elements."""
     rng = np.random.default_rng(0)
     G = complex_normal(rng, 5, 4, 3, 3) + 3 * np.eye(3)
-    found = np.linalg.inv(harmonic(blocks_of(np.broadcast_to(np.eye(3, dtype=complex), G.shape), G), G[0]).G)
+    found = np.linalg.inv(harmonic(spectra_from(np.broadcast_to(np.eye(3, dtype=complex), G.shape), G)).G)
     np.testing.assert_allclose(found, np.linalg.inv(G).mean(axis=0), atol=1e-12)
 
 

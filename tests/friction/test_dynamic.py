@@ -14,8 +14,7 @@ from plants.friction_laws import Numeric
 from scipy.integrate import solve_ivp
 
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
-from elastid.friction.law import Curve, Law
-from elastid.friction.static import SLIDING_VELOCITY, Tustin
+from elastid.friction.static import SLIDING_VELOCITY, Curve, Law, Tustin
 from elastid.robot import (
     Friction,
     LuGre,

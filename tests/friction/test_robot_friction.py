@@ -11,9 +11,8 @@ import pytest
 from plants.friction_laws import Numeric
 
 from elastid.friction.dynamic import Bristle, MaxwellElements, SwitchedMaxwellSlip
-from elastid.friction.law import Curve
 from elastid.friction.robot_friction import PlacedLaw, coulomb_levels, frictions
-from elastid.friction.static import Tustin
+from elastid.friction.static import Curve, Tustin
 from elastid.robot import (
     Body,
     Directions,

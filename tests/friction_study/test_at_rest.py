@@ -13,7 +13,7 @@ from plants.lugre_joint import COUNT, JOINT, RATE, TRUTH, angle
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
-from elastid.friction.law import Curve
+from elastid.friction.static import Curve
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.record import FrictionRecord
 

@@ -10,7 +10,7 @@ import pytest
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
-from elastid.friction.law import Curve
+from elastid.friction.static import Curve
 from elastid.friction_study.presliding import Elements, Loops, fit_presliding, operators
 
 RATE, COUNT = 200.0, 2 * np.pi / 2**16

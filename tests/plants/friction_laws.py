@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from elastid.friction.law import Curve, Law
+from elastid.friction.static import Curve, Law
 
 
 class Numeric:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
-from elastid.friction.law import Curve
+from elastid.friction.static import Curve
 from elastid.friction_study.extended_kalman_filter import FollowedJoint, JointSamples
 from elastid.simulation.dynamics import runge_kutta_step
 from elastid.simulation.elastic_joint import ElasticJoint

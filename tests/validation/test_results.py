@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.two_mass import FREQ_HZ, circular, two_mass
 
-from elastid.validation.results import antiresonances, paired_resonances, resonances
+from elastid.validation.results import paired_resonances, resonances
 
 
 @given(
@@ -21,8 +21,8 @@ def test_the_resonances_of_two_masses_are_found_between_the_lines(stiffness, dam
     f = np.arange(first_hz, 250, step_hz)
     G, resonance, antiresonance = two_mass(f, stiffness, damping)
     np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], rtol=1e-3)
-    np.testing.assert_allclose(antiresonances(f, G[:, 0, 0]), [antiresonance], rtol=1e-3)
-    assert antiresonances(f, G[:, 1, 0]).size == 0
+    np.testing.assert_allclose(resonances(f, G[:, 0, 0], sign=-1), [antiresonance], rtol=1e-3)
+    assert resonances(f, G[:, 1, 0], sign=-1).size == 0
 
 
 def test_noise_makes_no_resonances():
@@ -32,7 +32,7 @@ def test_noise_makes_no_resonances():
         for _ in range(100):
             G = level + 0.2 * circular(rng, 240)
             std = np.full(240, 0.2)
-            assert resonances(FREQ_HZ, G, std).size == antiresonances(FREQ_HZ, G, std).size == 0
+            assert resonances(FREQ_HZ, G, std).size == resonances(FREQ_HZ, G, std, sign=-1).size == 0
 
 
 def test_resonances_stay_where_they_are_under_noise():

@@ -32,8 +32,8 @@ from elastid.store.measured import read_configurations, read_friction, read_reco
 from elastid.store.results import read_fit, write_validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
+from elastid.validation.comparison import describe_folds, divide, gather_folds
 from elastid.validation.cost import cost_p, explain_cost
-from elastid.validation.cross_validation import describe_folds, divide, gather_folds
 from elastid.validation.elastic_twin import (
     FittedTwin,
     ModelParts,

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.export.intervals import HELD, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.friction.law import CURVE
+from elastid.friction.static import CURVE
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.simulation.dynamics import Contacts
 

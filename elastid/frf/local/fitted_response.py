@@ -6,9 +6,7 @@ Closed loop, with N = [I, -G]:
 
 With S_uu the mean power of the inputs in the window of a line, G its response and C_V the covariance of its residual,
 
-.. math:: S_{yu} = G S_{uu}, \quad S_{yy} = G S_{uu} G^H + C_V, \quad
-          \gamma_i^2 = 1 - \frac{C_{V,ii}}{S_{y_i y_i}}, \quad
-          \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}
+.. math:: S_{yu} = G S_{uu}, \quad S_{yy} = G S_{uu} G^H + C_V
 
 No transient is in them, and a resonance has the coherence of its line, not the mean over the window.  The estimate of
 G has the power of its own variance, cov(vec G) = left (x) C_V, which is subtracted: without, noise alone would have a
@@ -28,7 +26,7 @@ from elastid.frf.covariance import kronecker
 from elastid.frf.local.least_squares import LocalFit, Windows
 from elastid.frf.local.regression import SettledSpectra
 from elastid.frf.matrices import adjoint, power
-from elastid.frf.quality import relative_singular_values
+from elastid.frf.quality import coherences_of_powers, relative_singular_values
 from elastid.response import Covariance, Levels, Quality
 
 _MAX_CONDITION = 1e9  # of the regressors of a line
@@ -40,7 +38,8 @@ class FittedResponse:
 
     B_u (F, n_u, n_u): inputs per reference, in open loop the identity.  left (F, n_u, n_u): cov(vec G) by a residual
     V = Y - G U of covariance C is left (x) C.  C_total (F, n_y, n_y): of V, from the residual, each record times
-    sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u): of the noise of [Y; U] in one period, None where nothing separates it.
+    sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u): of the noise of [Y; U] in one period, C_noise (F, n_y, n_y): of that of V;
+    None where nothing separates it.
     """
 
     G: ComplexArray
@@ -49,19 +48,17 @@ class FittedResponse:
     B_u: ComplexArray
     left: ComplexArray
     C_total: ComplexArray
-    C_Z: ComplexArray | None
-
-    def of_residual(self, C_Z: ComplexArray) -> ComplexArray:
-        """N C_Z N^H (F, n_y, n_y): covariance of Y - G U from that of [Y; U]."""
-        N = _residual_of(self.G)
-        return np.asarray(N @ C_Z @ adjoint(N))
+    C_Z: ComplexArray | None = None
+    C_noise: ComplexArray | None = None
 
 
 def separates_inputs(fit: LocalFit, closed: bool, n_y: int) -> BoolArray:
     """Flags (F,) of the lines where the fit separates the inputs."""
     separate = fit.condition < _MAX_CONDITION
     if closed:
-        separate &= _condition(fit.B[:, n_y:]) < _MAX_CONDITION
+        B_u = fit.B[:, n_y:]
+        rms = np.sqrt(np.mean(np.abs(B_u) ** 2, axis=(0, 2)))
+        separate &= np.linalg.cond(B_u / np.where(rms > 0, rms, 1.0)[:, None]) < _MAX_CONDITION
     return separate
 
 
@@ -75,7 +72,7 @@ def fitted_response(
     B_u = B[:, n_y:] if closed else np.broadcast_to(np.eye(n_u, dtype=np.complex128), (F, n_u, n_u))
     inverse = np.linalg.inv(B_u) if closed else B_u
     G = B[:, :n_y] @ inverse
-    N = _residual_of(G)
+    N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
     left = np.swapaxes(inverse, 1, 2) @ fit.left[usable] @ inverse.conj()
     of_fit = N if closed else N[:, :, :n_y]
     M = of_fit[:, None] @ fit.M[usable] @ inverse[:, None]
@@ -83,23 +80,14 @@ def fitted_response(
     C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ adjoint(of_fit)
     total = _covariance(left, C_total, fit.dof, poles)
     if not all(spectrum.settled for spectrum in spectra):
-        return FittedResponse(G, None, total, B_u, left, C_total, None)
+        return FittedResponse(G, None, total, B_u, left, C_total)
     dof = sum(spectrum.dof for spectrum in spectra)
-    C_Z = np.sum(
-        [spectrum.noise[usable] * (spectrum.dof * spectrum.n_periods / dof) for spectrum in spectra],
-        axis=0,
-    )
+    C_Z = np.sum([each.noise[usable] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
     C_noise = N @ C_Z @ adjoint(N)
     # The part of cov(A) that noise explains, by its share in the total.
     share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
     noise = _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * share[:, None, None]))
-    return FittedResponse(G, noise, total, B_u, left, C_total, C_Z)
-
-
-def _residual_of(G: ComplexArray) -> ComplexArray:
-    """N = [I, -G] (F, n_y, n_y + n_u)."""
-    F, n_y, _ = G.shape
-    return np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
+    return FittedResponse(G, noise, total, B_u, left, C_total, C_Z, C_noise)
 
 
 def _covariance(
@@ -120,12 +108,6 @@ def _covariance(
         d = A_cov.shape[1]
         right = right + weighted @ middle.reshape(len(M), d * n_u, d * n_u) @ adjoint(weighted) / n_u
     return kronecker(left, right, dof)
-
-
-def _condition(B: ComplexArray) -> FloatArray:
-    """Condition (F,) of B (F, n, n), each row relative to its RMS over all lines."""
-    rms = np.sqrt(np.mean(np.abs(B) ** 2, axis=(0, 2)))
-    return np.asarray(np.linalg.cond(B / np.where(rms > 0, rms, 1.0)[:, None]))
 
 
 def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
@@ -151,8 +133,8 @@ def local_quality(
     S_uu = fitted.B_u @ S_rr @ adjoint(fitted.B_u) / periods.sum()
     C_V, noise = power(fitted.C_total), np.zeros(S_uu.shape[:2])
     output_noise = C_V
-    if fitted.C_Z is not None:
-        of_noise = power(fitted.of_residual(fitted.C_Z))
+    if fitted.C_Z is not None and fitted.C_noise is not None:
+        of_noise = power(fitted.C_noise)
         C_V = of_noise + (C_V - of_noise) / periods.mean()
         output_noise, noise = np.split(power(fitted.C_Z), [n_y], axis=1)
     coherence, multiple, signal = _coherences(fitted, S_uu, C_V)
@@ -179,8 +161,4 @@ def _coherences(
     of_cross = np.einsum("fkj,fkl,flj->fj", S_uu, left, S_uu.conj(), optimize=True).real[:, None] * C_total[:, :, None]
     signal = np.maximum(np.sum(S_yu * G.conj(), axis=2).real - of_signal, 0.0)
     cross = np.maximum(np.abs(S_yu) ** 2 - of_cross, 0.0)
-    S_yy = signal + C_V
-    both = S_yy[:, :, None] * power(S_uu)[:, None, :]
-    ordinary = np.divide(cross, both, out=np.zeros(both.shape), where=both > 0)
-    multiple = np.divide(signal, S_yy, out=np.zeros(S_yy.shape), where=S_yy > 0)
-    return np.minimum(ordinary, 1.0), multiple, signal
+    return *coherences_of_powers(cross, signal, signal + C_V, power(S_uu)), signal

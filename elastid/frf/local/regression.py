@@ -142,9 +142,16 @@ class SettledSpectra:
 def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
     """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
     P = record.n_periods - dropped
-    Z, R = _whole_spectra(record, quantity, dropped)
+    used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
+    n = used.stop - used.start
+    freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
+    Y, U, R = (None if x is None else rfft(x[used], axis=0) * (2 / n) for x in (record.y, record.u, record.r))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, freq_hz, quantity)
     n_y, bins = len(record.outputs), lines * P
-    rest = _unexcited(len(Z), P, record.half_wave)
+    # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
+    inner = np.arange(1, len(Z) - 1)
+    rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
     settled = len(rest) > _ORDER + _POLES + 1
     at_lines = Z[bins]
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
@@ -161,22 +168,6 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
         noise=noise,
         dof=dof,
     )
-
-
-def _whole_spectra(record: Record, quantity: Motion, dropped: int) -> tuple[ComplexArray, ComplexArray | None]:
-    """[Y, U] (B, n_y + n_u) and R (B, n_u) at all bins of the record: outputs as `quantity`, torque as it acts."""
-    used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
-    n = used.stop - used.start
-    freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
-    Y, U, R = (None if x is None else rfft(x[used], axis=0) * (2 / n) for x in (record.y, record.u, record.r))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.concatenate([Y, U], axis=1) * unit_scale(record, freq_hz, quantity), R
-
-
-def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
-    """The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines."""
-    bins: IntArray = np.arange(1, n_bins - 1)
-    return np.asarray(bins[bins % 2 == 0] if half_wave and P == 1 else bins[bins % P != 0])
 
 
 def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
@@ -212,7 +203,7 @@ def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[Settl
     """
     groups: list[list[SettledSpectra]] = []
     for spectrum in spectra:
-        own = next((g for g in groups if _gain(_driver(g[0], closed), _driver(spectrum, closed)) is not None), None)
+        own = next((g for g in groups if _gain(driver_of(g[0], closed), driver_of(spectrum, closed)) is not None), None)
         if own is None:
             groups.append([spectrum])
         else:
@@ -220,7 +211,8 @@ def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[Settl
     return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
 
 
-def _driver(spectra: SettledSpectra, closed: bool) -> ComplexArray:
+def driver_of(spectra: SettledSpectra, closed: bool) -> ComplexArray:
+    """The reference in closed loop, else the inputs."""
     return spectra.R if closed and spectra.R is not None else spectra.U
 
 
@@ -235,7 +227,7 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
     """The combination of records with proportional inputs that has all of the input."""
-    gains = [_gain(_driver(group[0], closed), _driver(spectrum, closed)) or 1.0 for spectrum in group]
+    gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
     pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
     known = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]

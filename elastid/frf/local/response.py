@@ -32,19 +32,19 @@ from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, described_lines
-from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.fitted_response import fitted_response, local_quality, separates_inputs, window_power
 from elastid.frf.local.least_squares import LocalFit, Windows, WindowTerms, windows
 from elastid.frf.local.regression import (
     LadderFit,
     SettledSpectra,
+    driver_of,
     fit_ladder,
     independent_excitations,
     merge_repeats,
     settled_spectra,
 )
 from elastid.frf.matrices import power
-from elastid.frf.quality import measured_response
+from elastid.frf.quality import local_modes, measured_response, wide_windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
@@ -65,26 +65,6 @@ class Limits:
 
 
 LIMITS = Limits()
-
-
-def with_model_error(
-    covariance: Covariance, differences: Sequence[ComplexArray], variances: Sequence[FloatArray]
-) -> Covariance:
-    """The covariance of G with its model error, from its differences (F, n_y, n_u) to richer models of these variances.
-
-    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
-    their correlations stay.
-    """
-    error = np.zeros(covariance.variance.shape)
-    for difference, variance in zip(differences, variances, strict=True):
-        both = covariance.variance + variance
-        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
-        g = _local_mean(ratio)
-        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
-    relative = np.divide(error, covariance.variance, out=np.zeros(error.shape), where=covariance.variance > 0)
-    factor = np.sqrt(1 + relative.mean(axis=2))
-    right = None if covariance.right is None else factor[:, :, None] * covariance.right * factor[:, None, :]
-    return replace(covariance, variance=covariance.variance * factor[:, :, None] ** 2, right=right)
 
 
 def _local_mean(x: FloatArray) -> FloatArray:
@@ -108,7 +88,12 @@ def local_response(
     """
     first = records[0]
     for record in records:
-        _refuse_gaps(record)
+        if record.left_out:
+            periods = ", ".join(str(period + 1) for period in record.left_out)
+            raise DataError(
+                f"record {record.name}: too many samples of period {periods} are missing, and a local method takes a "
+                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
+            )
     all_lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, all_lines, spec.quantity, dropped) for record in records]
@@ -116,7 +101,10 @@ def local_response(
     closed = all(spectrum.R is not None for spectrum in spectra)
     spectra, repeated = merge_repeats(spectra, closed), len(spectra)
     ladder = _ladder(spec, len(first.inputs), transient=not all(spectrum.settled for spectrum in spectra))
-    Z, R = _signals(spectra, closed)
+    # Each record times sqrt(P): then noise is that of one period in all of them.
+    root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
+    Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
+    R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
     where = _windows(all_lines, ladder[-1], spec, first, (Z, R))
     fits = fit_ladder(Z, R, where, ladder)
     fit = fits.chosen
@@ -186,20 +174,29 @@ def _with_model_error(
     closed: bool,
     usable: BoolArray,
 ) -> Covariance:
-    """The total covariance of G at the usable lines with the error of its model, as richer ones show it."""
-    differences, variances = [], []
+    """The total covariance of G at the usable lines with the error of its model, as richer ones show it.
+
+    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
+    their correlations stay.
+    """
+    error = np.zeros(G.shape)
     for fit, has_more in richer:
         compared = usable & has_more & separates_inputs(fit, closed, G.shape[1])
         if not compared.any():
             continue
-        other = fitted_response(fit, spectra, closed, compared)
+        on, other = compared[usable], fitted_response(fit, spectra, closed, compared)
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
-        difference[compared[usable]] = G[compared[usable]] - other.G
-        variance[compared[usable]] = other.total.variance
+        difference[on], variance[on] = G[on] - other.G, other.total.variance
         is_informative = variance <= LIMITS.variance_ratio * total.variance
-        differences.append(np.where(is_informative, difference, 0.0))
-        variances.append(np.where(is_informative, variance, 0.0))
-    return with_model_error(total, differences, variances)
+        difference = np.where(is_informative, difference, 0.0)
+        both = total.variance + np.where(is_informative, variance, 0.0)
+        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+        g = _local_mean(ratio)
+        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
+    relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
+    factor = np.sqrt(1 + relative.mean(axis=2))
+    right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
+    return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)
 
 
 def _windows(
@@ -234,16 +231,6 @@ def _every(step: int) -> slice:
     return slice((step - 1) // 2, None, step)
 
 
-def _refuse_gaps(record: Record) -> None:
-    """DataError for a record with periods that do not count: a local method takes it as one piece."""
-    if record.left_out:
-        periods = ", ".join(str(period + 1) for period in record.left_out)
-        raise DataError(
-            f"record {record.name}: too many samples of period {periods} are missing, and a local method takes a "
-            "record as one piece; cut it with samples: [first, last], or take another estimator.method"
-        )
-
-
 def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> None:
     """DataError where an input stands out of its noise at too few lines, whatever the reference was."""
     n_y = len(first.outputs)
@@ -266,13 +253,3 @@ def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]
     d = 3 if d == "auto" else d
     orders = [(d - 1, 0), (d - 1, d - 1), (d, d)] if d > 1 else [(1, 0), (1, 1)]
     return [WindowTerms(n_u, order, poles, transient) for order, poles in orders]
-
-
-def _signals(spectra: Sequence[SettledSpectra], closed: bool) -> tuple[ComplexArray, ComplexArray]:
-    """Z (E, F, n_z) and R (E, F, n_u), each record times sqrt(P): then noise is that of one period in all of them."""
-    Z, R = [], []
-    for spectrum in spectra:
-        weight, Y, U = np.sqrt(spectrum.n_periods), spectrum.Y, spectrum.U
-        Z.append(weight * (Y if not closed or spectrum.R is None else np.concatenate([Y, U], axis=1)))
-        R.append(weight * (U if not closed or spectrum.R is None else spectrum.R))
-    return np.stack(Z), np.stack(R)
