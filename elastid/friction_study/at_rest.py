@@ -299,7 +299,6 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
 
 
 def _periodic(record: FrictionRecord, realisation: int) -> Record:
-    """The record in the form that estimates of a frequency response take."""
     if record.period_samples is None:
         raise DataError(
             f"joint {record.joint} at rest ({record.name}): its torque has no period; repeat a multisine, and state "

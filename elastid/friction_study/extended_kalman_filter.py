@@ -182,7 +182,6 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
 def _process_noise(
     joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, g: ca.SX, noise: ca.SX
 ) -> ca.SX:
-    """Q (n, n)."""
     names = joint.states
     by_u, by_g = ca.jacobian(predicted, u), ca.jacobian(predicted, g)
     coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
@@ -285,7 +284,6 @@ class KalmanFilter:
     """A joint's filter at a rate, compiled once; run(...) carries an estimate over samples."""
 
     def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
-        """Compile the step, alone and as a loop of PIECE samples."""
         self.joint, self.rate_hz = joint, rate_hz
         self._step = filter_step(joint, rate_hz)
         self._loop = self._step.mapaccum("filter", PIECE, 2)
@@ -316,7 +314,6 @@ class KalmanFilter:
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """States, covariances, innovations and variances of a slice of at most PIECE samples."""
         count, n_x = piece.stop - piece.start, len(start.x)
         rows = [part[piece][None, :] for part in (samples.torque, samples.load, samples.angle)]
         function = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)

@@ -64,7 +64,6 @@ def identify_friction(
 def _joint(
     robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    """All parts of one joint."""
     name, passes = levels.joint, levels.levels
     static = StaticLaw.of(_of_loads(passes.levels, measured.of(name, "passes")), spec.law) if passes else None
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
@@ -157,7 +156,6 @@ def joint_law(
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    """Coulomb and viscous friction of a motion, in the range of its plateaus."""
     fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
     apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
@@ -214,7 +212,6 @@ def find_before_sliding(
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
-    """The log; its first half loop only gives the elements their start."""
     if spec.presliding is not None:
         frequency_hz = spec.presliding.frequency_hz
     else:
@@ -286,6 +283,5 @@ def _bristles(
 
 
 def _held_torque(levels: PassLevels, position: FloatArray) -> FloatArray:
-    """Gravity and offset (n,), as the passes of the joint have them."""
     cos, sin, offset = (levels.shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
     return np.asarray(cos * np.cos(position) + sin * np.sin(position) + offset)

@@ -29,8 +29,7 @@ from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
-from elastid.friction_study.passes import passes_of
-from elastid.friction_study.plateaus import PLATEAUS, detect_passes, lone_plateaus
+from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -137,7 +136,6 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:
-    """Logs of the same joints are regressed at once."""
     groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
     for log in logs:
         groups.setdefault(tuple(log), []).append(log)
@@ -269,7 +267,6 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
 
 
 def _rigid_body(robot: Robot) -> tuple[list[str], ca.Function, list[float]]:
-    """Names of the joints, inverse dynamics and the robot's parameters."""
     theta = [value for value, _ in robot.parameters().values()]
     return [joint.name for joint in robot.joints], inverse_dynamics(robot), theta
 

@@ -197,7 +197,6 @@ def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...
 
 
 def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None, str]:
-    """The law with one more part, or why not."""
     if part.key == "no":
         return None, NOT_ASKED
     if part.refusal:
@@ -239,7 +238,6 @@ def _widest(fit: CurveFit, names: list[str]) -> str | None:
 
 
 def _parts(levels: Levels, spec: LawSpec) -> tuple[_Part, ...]:
-    """In the order in which they are tried."""
     speeds = _distinct(np.log(levels.speed), 0.05)
     temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
     loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
@@ -294,6 +292,5 @@ def _with(
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """Number of values that lie further apart than a step."""
     ordered = np.sort(values)
     return 0 if not len(ordered) else 1 + int(np.sum(np.diff(ordered) > step))

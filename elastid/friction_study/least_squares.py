@@ -114,7 +114,6 @@ class Regression:
     correlation: float
 
     def __getitem__(self, name: str) -> float:
-        """A number."""
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:

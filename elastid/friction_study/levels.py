@@ -47,7 +47,6 @@ class Levels:
     slides: bool = False
 
     def __post_init__(self) -> None:
-        """Check shapes and signs."""
         columns = [getattr(self, name) for name in COLUMNS]
         if len({column.shape for column in columns}) != 1 or self.speed.ndim != 1:
             raise ValueError(f"levels of {self.place}: shapes {[column.shape for column in columns]} are not all (n,)")
@@ -171,7 +170,6 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
 
 
 def _condition(members: Sequence[Pass]) -> list[float]:
-    """Mean speed, load and temperature."""
     values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
     return [float(np.mean(column)) for column in zip(*values, strict=True)]
 

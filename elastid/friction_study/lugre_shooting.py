@@ -138,7 +138,6 @@ class _Search:
 
 
 def _descend(problem: _Problem, search: _Search, iterations: int) -> _Search:
-    """The search when it has ended, or has made so many iterations."""
     while not search.has_ended and search.iterations < iterations:
         search = search.next(problem)
     return search

@@ -23,7 +23,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import f_test
 from elastid.friction_study.laws import MIN_SPEEDS, Held
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
-from elastid.friction_study.plateaus import Plateau, distinct_speeds, find_plateaus
+from elastid.friction_study.passes import Plateau, distinct_speeds, find_plateaus
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
@@ -45,7 +45,6 @@ class Motion:
     turns_against_gravity: bool = False
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         if self.position.shape != self.torque.shape or self.position.ndim != 1:
             raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
 

@@ -157,7 +157,6 @@ def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], le
 
 
 def _left(A: FloatArray, y: FloatArray) -> float:
-    """Sum of squares of the residual of a regression on columns."""
     left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
     return float(left @ left)
 
@@ -214,7 +213,6 @@ def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
 
 
 def _range(pair: tuple[Pass, Pass]) -> tuple[float, float]:
-    """Lowest and highest position that both directions have."""
     return max(float(each.position.min()) for each in pair), min(float(each.position.max()) for each in pair)
 
 

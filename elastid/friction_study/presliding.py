@@ -145,7 +145,6 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
 
 
 def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
-    """`count` elements with thresholds of their own."""
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
     shares = (np.arange(count) + 0.5) / count * torque[-1]
     start = np.log(np.interp(shares, torque, spectrum.threshold))
@@ -167,7 +166,6 @@ def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArra
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:
-    """The smallest number of elements whose error is within one std of the best one's."""
     errors = np.array(missed)
     best = int(np.argmin(errors.mean(axis=1)))
     difference = errors - errors[best]

@@ -205,14 +205,12 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
 
 
 def _ends(value: float, std: float) -> tuple[float, float]:
-    """Of a 95 % interval of a normal distribution."""
     return value - QUANTILE_95 * std, value + QUANTILE_95 * std
 
 
 def _number(
     joint: str, term: FrictionTerm, unit: str, row: tuple[float, float, float, float], learnt: str, truth: Truth
 ) -> FrictionNumber:
-    """A row (value, std, low, high) of the table."""
     name = term.name(joint)
     return FrictionNumber(name, term.symbol, term.meaning, unit, *row, learnt, truth.get(name))
 

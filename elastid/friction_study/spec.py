@@ -58,7 +58,6 @@ class LawSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """At least one element."""
         if self.elements is not None and self.elements < 1:
             raise ValueError(f"elements is {self.elements}; a Maxwell slip law has at least 1")
 
@@ -92,7 +91,6 @@ class PassesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse ranges upside down, and fewer passes than numbers."""
         if self.speeds is not None:
             _check_rising("speeds", self.speeds, "[lowest, highest], both above 0")
         if self.window is not None:
@@ -120,7 +118,6 @@ class LoadSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a payload that lifts."""
         if self.payload < 0:
             raise ValueError(f"payload is {self.payload:g} kg; it must not be negative")
 
@@ -141,7 +138,6 @@ class PreslidingSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse loops that do not grow."""
         _check_rising("torque", self.torque, "[smallest, largest], above 0")
         if self.loops < 3 or not self.frequency_hz > 0:
             raise ValueError(
@@ -163,7 +159,6 @@ class AtRestSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse torques that break away, and an empty band."""
         if not self.torque or not all(0 < part < 1 for part in self.torque):
             raise ValueError("torque has parts of the Coulomb torque: above 0 and below 1, at least one of them")
         _check_rising("band_hz", self.band_hz, "[lowest, highest], above 0")
@@ -183,7 +178,6 @@ class WarmUpSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a warm-up without motion or tests."""
         if not self.speed > 0:
             raise ValueError(f"speed is {self.speed:g}; it must be positive")
         if not 0 < self.test_every < self.time:
@@ -222,7 +216,6 @@ class FrictionSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse names given twice."""
         _refuse_repeated("joints", self.joints)
         if not all(load.name for load in self.loads):
             raise ValueError("loads: a load has an empty name; give it one, which logs name too")
@@ -266,7 +259,6 @@ class FilterSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse nothing to follow, a number followed twice, and times that run backwards."""
         if not self.states:
             raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
         _refuse_repeated("states", self.states)

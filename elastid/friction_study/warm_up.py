@@ -26,8 +26,7 @@ from elastid.base.errors import DataError, FitError
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.friction_study.passes import Pass, passes_of
-from elastid.friction_study.plateaus import alike_speeds
+from elastid.friction_study.passes import Pass, alike_speeds, passes_of
 from elastid.record import FrictionRecord, WarmUpLog
 
 # Level(speed (m,), temperature (m,)) of a law, Nm.
@@ -57,7 +56,6 @@ class WarmUp:
     load: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and that time runs."""
         n, m = len(self.power), len(self.level)
         if len(self.time_s) != n + 1 or len(self.readings) != n + 1:
             raise ValueError(f"warm-up: {n} powers need {n + 1} times and readings")
@@ -251,7 +249,6 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
 
 
 def _common(pair: Sequence[Pass]) -> list[Pass]:
-    """There and back over the positions that both cover."""
     low = max(float(each.position.min()) for each in pair)
     high = min(float(each.position.max()) for each in pair)
     if high <= low:

@@ -19,8 +19,7 @@ from elastid.recorded.repair.repeats import blocks
 class DriveLimits:
     """Limits of the notes on torques; their false-alarm rates are not measured."""
 
-    # A lag of u behind r, in samples, from which on it is reported.
-    min_reported_lag: float = 0.75
+    min_reported_lag: float = 0.75  # a lag of u behind r, in samples, from which on it is reported
     # The lines with this part of the power of r decide after which part of a period r repeats.
     main_power_share: float = 0.995
     # The other sign fits better where its correlation is so much higher, or as high with a shorter lag.

@@ -47,8 +47,7 @@ class JointLimits:
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
-    # Turns that no joint of a robot makes, but its motor does.
-    max_turns: float = 4.0
+    max_turns: float = 4.0  # turns that no joint of a robot makes, but its motor does
     # degC that no joint has, and such as only a very hot one has.
     impossible_degc: float = 150.0
     hot_degc: float = 95.0
@@ -123,7 +122,6 @@ class _LogReader:
         return self._of_joints(_by_place(gathered.channels, values), gathered.rate_hz, tuple(notes))
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
-        """Those of the joint that the file is of, or all."""
         names = [joint.name for joint in self.robot.driven]
         if not self.file.joint:
             return self.recorded.channels
@@ -200,7 +198,6 @@ class _LogReader:
         )
 
     def _temperature(self, signals: Mapping[tuple[str, str, str], FloatArray], joint: str, n: int) -> FloatArray | None:
-        """degC of a joint, by its channel or else by its file."""
         degrees = _signal(signals, "t", joint)
         if degrees is None:
             return None if self.file.temperature is None else np.full(n, float(self.file.temperature))
@@ -217,7 +214,6 @@ class _LogReader:
 
 
 def _names(files: Sequence[FileSpec]) -> list[str]:
-    """The name of each file's records, with its number where several have the same one."""
     stems = [Path(file.path).stem for file in files]
     return [f"{stem}-{i}" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
 

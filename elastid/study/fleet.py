@@ -73,7 +73,6 @@ def load_fleet(path: Path) -> Fleet:
 
 
 def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
-    """All members, not in order."""
     for own in spec.members:
         yield _member(own, "", spec.set)
     if spec.table is not None:
@@ -99,7 +98,6 @@ def _filled(value: Any, names: Mapping[str, str]) -> str:
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:
-    """The rows of a table; StudyError with its line for one that is no member."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.DictReader(file)

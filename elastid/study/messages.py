@@ -58,7 +58,6 @@ def _adapter(root: type) -> TypeAdapter[Any]:
 
 
 def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
-    """The problems behind pydantic's `errors()`."""
     problems: list[Problem] = []
     unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
     for error in errors:

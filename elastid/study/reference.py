@@ -67,7 +67,6 @@ def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
 
 @cache
 def _hints(section: type) -> dict[str, Any]:
-    """The annotations of a section's fields."""
     return get_type_hints(section, include_extras=True)
 
 
@@ -277,7 +276,6 @@ def _default(value: Any) -> str:
 
 
 def _all_keys() -> Iterator[StudyKey]:
-    """Those of a study and of its robot, and those of a fleet's file below `fleet`."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
     yield from keys_below(FleetSpec, "fleet.")
@@ -312,7 +310,6 @@ def _steps(path: str) -> list[str]:
 
 
 def _begins(path: list[str], steps: list[str]) -> bool:
-    """A longer path that begins with these steps."""
     return len(path) > len(steps) and _agree(path[: len(steps)], steps)
 
 

@@ -15,7 +15,7 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-from elastid.friction_study.innovations import consistency, estimate_noise, unknown, weakest_direction
+from elastid.friction_study.follow import consistency, estimate_noise, unknown, weakest_direction
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}

@@ -92,7 +92,6 @@ class TextLog:
         return ""
 
     def _column(self, channel: ChannelSpec) -> int:
-        """The column, from 0, of a channel."""
         column = channel.column
         if channel.channel and (self.headings or column is None):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
@@ -112,7 +111,6 @@ class TextLog:
         return column - 1
 
     def _not_headed(self, channel: ChannelSpec) -> str:
-        """The message on a missing heading: those of the file, and the line where the data were taken to start."""
         start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
         return missing_channel(self.path, channel, self.shapes()) + start + otherwise_written(self.path, self.format)
 

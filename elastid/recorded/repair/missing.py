@@ -32,16 +32,12 @@ _CUBIC_SAMPLES = 2
 class MissingLimits:
     """Limits of the search for shifts and of the filling of gaps; their false-alarm rates are not measured."""
 
-    # Periods in which shifts are searched for, at least.
-    min_periods: int = 4
-    # Larger shifts, as a part of the period, have other causes.
-    max_shift: float = 0.02
-    # A shift must leave at most this part of the power that does not repeat.
-    max_remaining_share: float = 0.5
+    min_periods: int = 4  # periods in which shifts are searched for, at least
+    max_shift: float = 0.02  # larger shifts, as a part of the period, have other causes
+    max_remaining_share: float = 0.5  # a shift must leave at most this part of the power that does not repeat
     # A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
     max_missing_of_repetition: float = 0.1
-    # A channel that lacks more than this part is refused.
-    max_missing_share: float = 1 / 3
+    max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
     # Without a period: samples of a gap at most, and the part of a channel that may be missing.
     max_gap: int = 2
     max_interpolated_share: float = 0.01

@@ -28,14 +28,12 @@ class SpikeLimits:
 
     min_sigmas: float = 8.0
     min_periods: int = 3
-    # Spikes of more than this part of a channel are no single ones.
-    max_share: float = 0.01
+    max_share: float = 0.01  # spikes of more than this part of a channel are no single ones
     # Samples: of the running median, of a spike at most, and of its neighbours on each side.
     median_window: int = 11
     max_run: int = 2
     neighbours: int = 6
-    # Distance of a spike over that of its neighbours, at least.
-    min_ratio: float = 6.0
+    min_ratio: float = 6.0  # distance of a spike over that of its neighbours, at least
 
 
 LIMITS = SpikeLimits()
@@ -57,7 +55,6 @@ def despiked_without_period(signals: FloatArray, log: Log) -> Repaired:
 
 
 def _replaced(signals: FloatArray, usual: Sequence[FloatArray], reference: str, value: str, log: Log) -> Repaired:
-    """Signals (n, c) without the spikes of each channel, relative to its usual values (n,)."""
     result, findings = signals.copy(), []
     for c, name in enumerate(log.names):
         x = signals[:, c]

@@ -142,7 +142,6 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
 def _refuse_uncomputable(
     path: Path, G: ComplexArray, outputs: Sequence[ChannelSpec], inputs: Sequence[ChannelSpec]
 ) -> None:
-    """DataError for numbers whose squares overflow or vanish; zeros are allowed."""
     size = np.abs(np.where(G == 0, 1.0, G))
     # Squares of smaller values, and their products, vanish.
     worst = np.argwhere((size < 1e-60) | (size > MAX_COMPUTABLE))

@@ -59,7 +59,6 @@ class ResponseTable:
     variance: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
             raise DataError(f"{self.path}: {len(self.freq)} frequencies and a response of shape {self.G.shape}")
@@ -120,7 +119,6 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
 
 
 def _phasors(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> ComplexArray:
-    """G from magnitude and phase or, where no magnitude is stated, from real and imaginary part."""
     if not spec.columns.magnitude:
         return magnitude + 1j * phase
     if spec.columns.magnitude_unit == "dB":

@@ -97,7 +97,6 @@ def _place(data_set: dict[str, Any], side: str) -> str:
 
 
 def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels: tuple[ChannelSpec, ...]) -> None:
-    """StudyError where the file and a channel of the study disagree on the quantity of an output."""
     quantity = _quantity(data_set)
     for channel in channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):

@@ -10,9 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.study.checks.design import check_design
-from elastid.study.checks.estimator import check_estimator
-from elastid.study.checks.excitation import check_excitation, check_lines
-from elastid.study.checks.experiment import check_experiment, check_plan_keys, check_simulated, check_structure
+from elastid.study.checks.experiment import (
+    check_estimator,
+    check_excitation,
+    check_experiment,
+    check_lines,
+    check_plan_keys,
+    check_simulated,
+    check_structure,
+)
 from elastid.study.checks.fit import check_fit, check_model, check_moved_inertias
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
@@ -58,7 +64,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_validation(study: Study) -> Iterator[Problem]:
-    """Configurations that are left out exist, and leave some to the fit."""
     configurations, left_out = list(study.experiment.configurations), study.validation.left_out
     yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):

@@ -37,7 +37,6 @@ def check_fit(study: Study) -> Iterator[Problem]:
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
-    """Robots and other groups hold configurations that exist; where robots are named, each configuration is of one."""
     fit, configurations = study.fit, list_configurations(study)
     given: list[tuple[KeyPath, Sequence[str]]] = [
         (("fit", "robots", robot), names) for robot, names in fit.robots.items()
@@ -59,7 +58,6 @@ def _check_groups(study: Study) -> Iterator[Problem]:
 
 
 def _check_factors(study: Study) -> Iterator[Problem]:
-    """Factors name configurations, outputs and inputs that are measured."""
     known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
         for place, noun, name in misnamed(factor, known):
@@ -67,7 +65,6 @@ def _check_factors(study: Study) -> Iterator[Problem]:
 
 
 def _check_profile(study: Study) -> Iterator[Problem]:
-    """Parameters whose profile is requested are identified."""
     if isinstance(study.fit.profile, str):
         return
     from elastid.fit.uncertainty.intervals import match_names  # brings CasADi, which few checks need

@@ -46,7 +46,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_sections(study: Study) -> Iterator[Problem]:
-    """Sections of the other kind of study."""
     for name in ("excitation", "design"):
         if getattr(study, name) is not None:
             message = f"friction is measured by passes and loops, not by {name}; drop this section, or friction"
@@ -57,7 +56,6 @@ def _check_sections(study: Study) -> Iterator[Problem]:
 
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
-    """Joints exist and have a motor, each once."""
     driven = [joint.name for joint in study.as_robot().driven]
     named: dict[str, str] = {}
     for i, name in enumerate(spec.joints):
@@ -72,7 +70,6 @@ def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
 
 
 def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
-    """Windows and speeds in the joint's unit and within its limits."""
     limits, passes = joint.limits, spec.designed_passes
     for name, pair in (("window", passes.window), ("speeds", passes.speeds)):
         for i, value in enumerate(pair or ()):
@@ -95,7 +92,6 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
 
 
 def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem]:
-    """The posture exists, and a payload has a seat."""
     known = list(study.experiment.configurations)
     if load.configuration is not None and load.configuration not in known:
         yield unknown((*path, "configuration"), "configuration", load.configuration, known)
@@ -128,7 +124,6 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
 
 
 def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """Joints that are asked for by name have a torque and a position."""
     asked = study.as_friction().joints
     for joint in study.friction_joints if asked else ():
         torque = any(channel.role == "u" and channel.at == f"motor {joint.name}" for channel in recorded.channels)
@@ -144,7 +139,6 @@ def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Probl
 
 
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """A controller has gains for all joints and a reference in the logs, and a reference a controller."""
     controller, path = recorded.controller, (*_RECORDED, "controller")
     has_reference = any(channel.role == "reference" for channel in recorded.channels)
     if controller is None:

@@ -41,7 +41,6 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
 
 
 def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """A record without a period goes with estimators that need none."""
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without and study.estimator.method not in WITHOUT_PERIOD:
         yield Problem(
@@ -103,7 +102,6 @@ def check_files(
 
 
 def _neighbours(place: Path) -> list[str]:
-    """The names of the files in the folder of a path; none where it cannot be looked into."""
     try:
         return sorted(each.name for each in place.parent.iterdir() if each.is_file())
     except (OSError, ValueError):
