@@ -1,4 +1,4 @@
-r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, run over a log in pieces of any number.
+r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift.
 
 .. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
@@ -23,7 +23,7 @@ while one that slides by more than z_s in a sample has it at its end.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -79,10 +79,6 @@ class FollowedJoint:
         """The names of the states x, in order: angles, velocities, bristle, correlated noise, followed numbers."""
         mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
-
-    def start_of(self, name: Followed) -> float:
-        """The number from which a followed one starts, not its logarithm."""
-        return {"Fc": self.coulomb, "offset": 0.0}.get(name, self.viscous)
 
     def step(self, rate_hz: float) -> ca.Function:
         """(x (n,), u, g) -> x (n,) one sample later; torque held, the noise w its mean.
@@ -274,7 +270,7 @@ def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Est
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
     std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
     for name in joint.followed:
-        start[name] = 0.0 if name == "offset" else float(np.log(joint.start_of(name)))
+        start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
     return Estimate(x, np.diag([std[name] ** 2 for name in names]))
@@ -302,14 +298,6 @@ class KalmanFilter:
         first = n_x - len(self.joint.followed)
         variances = np.diagonal(P, axis1=1, axis2=2)
         return Track(self.joint, self.rate_hz, x, np.sqrt(variances), P[:, first:, first:].copy(), e, S, estimate)
-
-    def stream(self, pieces: Iterable[JointSamples], noise: FilterNoise, start: Estimate) -> Iterator[Track]:
-        """A track of each piece of a log too long to hold, each from the end of the one before."""
-        estimate = start
-        for samples in pieces:
-            track = self.run(samples, noise, estimate)
-            estimate = track.last
-            yield track
 
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate

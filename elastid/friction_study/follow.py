@@ -1,7 +1,20 @@
-r"""A joint's friction followed over its motions, one after the other, and the judgement of the filter.
+r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between.
+continue, their covariance grown by the drift of the time between. Before a band is believed its innovations are tested,
+
+.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
+          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
+          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
+
+(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) Noise of
+torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+
+.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
+
+(Mehra, IEEE Trans. Automatic Control 15(2), 1970, has the idea). A real axis has torque noise that is correlated in
+time (ripple, cogging, cables), and a filter that takes it for white has bands that are far too narrow: the state w
+carries it.
 """
 
 from __future__ import annotations
@@ -63,13 +76,6 @@ class Consistency:
         """True if innovations are barely correlated from sample to sample."""
         return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
 
-    @property
-    def is_honest(self) -> bool:
-        """True if innovations are as large as expected, at stops too, and white."""
-        means = [self.nis] if np.isnan(self.nis_at_stops) else [self.nis, self.nis_at_stops]
-        low, high = FILTER.nis_band
-        return self.is_white and all(low <= mean <= high for mean in means)
-
 
 @dataclass(frozen=True)
 class Direction:
@@ -115,15 +121,6 @@ def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
     values, vectors = np.linalg.eigh(scaled)
     weights = dict(zip(names, vectors[:, -1].tolist(), strict=True))
     return Direction(weights, float(np.sqrt(values[-1])))
-
-
-def most_correlated(track: Track) -> tuple[tuple[str, str], float]:
-    """The two followed numbers with the largest correlation at the end of a track, and that; 0 for a single number."""
-    names, P = track.joint.followed, track.followed_covariance[-1]
-    std = np.sqrt(np.diag(P))
-    correlation = np.triu(P / np.outer(std, std), 1)
-    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
-    return (names[i], names[j]), float(correlation[i, j])
 
 
 def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
@@ -245,8 +242,7 @@ def follow(
             f"joint {name}: its motions last {len(track.innovation) / rate_hz:.3g} s and the filter settles in "
             f"{settle_s:g} s; record longer, or give filter.settle"
         )
-    judged = consistency(track, settle_s, LAGS)
-    prior = np.sqrt(np.diag(start.P))[-len(joint.followed) :]
+    judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
     weakest = weakest_direction(track, prior)
     values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
     times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
@@ -310,9 +306,13 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
 
 
 def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray) -> Iterator[Note]:
+    names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track, prior), axis=0).tolist()
-    held = [number for number, is_unknown in zip(track.joint.followed, never, strict=True) if is_unknown]
-    pair, correlation = most_correlated(track)
+    held = [name for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    std = np.sqrt(np.diag(P))
+    correlations = np.triu(P / np.outer(std, std), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
+    correlation = float(correlations[i, j])  # the largest; 0 for a single number
     if held:
         text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("not-excited", text, place)
@@ -320,7 +320,7 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
         yield Note("weakly-excited", text, place)
     if abs(correlation) > FILTER.distinct_correlation:
-        text = f"{' and '.join(pair)} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
+        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
         yield Note("not-distinguished", text, place, severity="warning")
 
 

@@ -1,7 +1,5 @@
 r"""Records of a friction study -> levels of passes and regressions of motions, joint by joint.
 
-Logs of motions -> for each joint the regression of its motions, and the passes that they hold.
-
 A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
 body that they carry; the passes of the latter are free of it.
 
@@ -65,17 +63,13 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     has_gravity = against or (motion is not None and motion.has_gravity)
-    levels = levels_of_records(records, has_gravity, motor_turn(joint))
+    turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
+    levels = levels_of_records(records, has_gravity, turn)
     passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
     example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
     return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
-
-
-def motor_turn(joint: Joint) -> float:
-    """Angle (path) of the joint for one turn of its motor."""
-    return 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0
 
 
 @dataclass(frozen=True)

@@ -18,20 +18,6 @@ from elastid.friction_study.spec import LawSpec, Part
 from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_curve
 from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
-from elastid.robot.friction_numbers import TERMS
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a law with its 95 % interval, and the conditions that it was learnt from."""
-
-    name: str
-    unit: str
-    value: float
-    std: float
-    low: float
-    high: float
-    learnt_from: str
 
 
 @dataclass(frozen=True)
@@ -65,17 +51,11 @@ class StaticLaw:
         return np.asarray(self._sum @ self.fit.covariance @ self._sum.T)
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
-        """All numbers with 95 % intervals."""
-        reach = self.fit.reach
-        stds = np.sqrt(np.diag(self.covariance)).tolist()
-        return tuple(
-            Number(
-                name, TERMS[name].unit_at(self.levels.slides), value, std, value - reach * std, value + reach * std,
-                self._learnt_from(name),
-            )
-            for (name, value), std in zip(self.values.items(), stds, strict=True)
-        )  # fmt: skip
+    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
+        """Of each number by name value, std, and the ends of its 95 % interval."""
+        reach, stds = self.fit.reach, np.sqrt(np.diag(self.covariance)).tolist()
+        numbers = zip(self.values.items(), stds, strict=True)
+        return {name: (x, std, x - reach * std, x + reach * std) for (name, x), std in numbers}
 
     @property
     def measured(self) -> MeasuredRange:
@@ -122,7 +102,8 @@ class StaticLaw:
                 T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
         return T
 
-    def _learnt_from(self, name: str) -> str:
+    def learnt_from(self, name: str) -> str:
+        """The conditions that identify a number."""
         levels, unit = self.levels, motion_unit("velocity", self.levels.slides)
         speeds = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
         if name.startswith("temperature"):

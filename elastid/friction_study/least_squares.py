@@ -117,7 +117,7 @@ class Regression:
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Its std."""
+        """The std of a number."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 

@@ -1,4 +1,4 @@
-r"""One regression over all passes of a joint: what all share, and the level of each pair.
+r"""Passes, plateaus of any motion there and back at one speed; and one regression over all passes of a joint.
 
 .. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
               + \sum_h (a_h \cos h N q + b_h \sin h N q)
