@@ -81,10 +81,7 @@ class FollowedJoint:
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
     def step(self, rate_hz: float) -> ca.Function:
-        """(x (n,), u, g) -> x (n,) one sample later; torque held, the noise w its mean.
-
-        One Runge-Kutta step, the bristle by its exact update.
-        """
+        """(x (n,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update; torque held."""
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
         state = dict(zip(names, ca.vertsplit(x), strict=True))

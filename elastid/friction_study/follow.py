@@ -124,10 +124,7 @@ def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
 
 
 def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
-    """True where a followed number is no better known than before (n, p): it is held and reported.
-
-    prior_std (n, p) or (p,): what its std would be without the log, the drift included.
-    """
+    """True (n, p) where a number is no better known than its std (n, p) or (p,) without the log, drift included."""
     std = np.sqrt(np.diagonal(track.followed_covariance, axis1=1, axis2=2))
     return np.asarray(std > FILTER.max_std_ratio * prior_std)
 
@@ -145,10 +142,7 @@ def _around_stops(track: Track) -> BoolArray:
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
-    """The noise whose innovations are most likely, from a guess; angle noise is never below the guess.
-
-    samples: a stretch of some seconds that moves and stops as the log does.
-    """
+    """The most likely noise over seconds that move and stop as the log does; of the angle at least as guessed."""
     names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     first = round(settled_s * kalman.rate_hz)
     limit = np.log(1e3)

@@ -49,10 +49,7 @@ def identify_friction(
     spec: FrictionSpec,
     truth: Robot | None = None,
 ) -> FrictionResult:
-    """The friction of all joints; truth: the robot that was simulated.
-
-    Raises FitError where a part of the law that is asked for (`yes`) cannot be identified.
-    """
+    """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if all(joint.friction is None for joint in joints):

@@ -36,10 +36,7 @@ from elastid.robot import Joint, Robot
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
-    """Levels and motions of each joint that was measured.
-
-    Raises DataError where passes or motions of a joint cannot be evaluated, and where a joint has neither.
-    """
+    """Levels and motions of each measured joint; DataError where a joint has neither, or they cannot be evaluated."""
     motions = evaluate_motions(robot, joints, measured)
     return tuple(_of_joint(robot, joint, measured, motions.get(joint.name)) for joint in joints)
 
@@ -194,10 +191,7 @@ SIDES = SideLimits()
 def check_sides(
     robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
 ) -> None:
-    """DataError where a measured inertia (kg m^2, of a slide kg) is wrong by as much as the ratio of the gear.
-
-    It counts where it is known, and close to a power of the ratio times the robot's.
-    """
+    """DataError for a known inertia (kg m^2, of a slide kg) close to that of the file times a power of the ratio."""
     if joint.motor is None or abs(joint.motor.ratio) < SIDES.min_ratio:
         return
     ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)

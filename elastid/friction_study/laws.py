@@ -1,7 +1,4 @@
-"""StaticLaw: the identified sliding friction of one place, as numbers of a robot's file.
-
-Parts of the law are added one after the other where levels show them; each other part is listed with the reason.
-"""
+"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where levels show them."""
 
 from __future__ import annotations
 
@@ -151,10 +148,7 @@ class _Part:
 
 
 def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...]]:
-    """The law with the parts that the levels identify, and the parts that were left out with their reasons.
-
-    Raises FitError for a part that is asked for (`yes`) and cannot be identified, and where there are too few levels.
-    """
+    """The law with the parts that levels identify, and the others with reasons; FitError for one of those that is `yes`."""
     fit = fit_curve(levels, Terms(("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",), (), {}))
     waiting, held = list(_parts(levels, spec)), dict[str, str]()
     # A part may show only after a later one: what was refused by its numbers is tried once more.

@@ -1,7 +1,4 @@
-"""Levels of friction from passes there and back: one number for each speed, direction, load and temperature.
-
-Under several loads gravity, inertia and offset are those of each load; friction is one curve.
-"""
+"""Levels of friction from passes: one at each speed, direction, load and temperature; gravity is that of a load."""
 
 from __future__ import annotations
 
@@ -194,10 +191,7 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> fl
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
-    """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
-
-    A slope of o over speed counts where an F test finds it; without one all of o is an offset.
-    """
+    """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset with its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
     flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
 
@@ -230,10 +224,7 @@ def _levels(
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
-    """The levels of all records of passes of a joint; `shared` is that of the first load.
-
-    Arguments and errors as `find_levels`.
-    """
+    """The levels of all passes of a joint, as `find_levels`; `shared` is that of the first load."""
     loads = dict.fromkeys(record.load for record in records)
     by_load = [
         find_levels(

@@ -142,11 +142,7 @@ class MotionFriction:
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
-    """Inertia and friction of one axis from its logs, one or several, in the band up to passband_hz.
-
-    Raises DataError for a log that is too short, stands still, moves in one direction only, or in which friction
-    drives.
-    """
+    """Inertia and friction of one axis from its logs; DataError for short or one-sided ones, and friction that drives."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for motion, each in zip(motions, signals, strict=True):
         for direction, word in ((1, "forwards"), (-1, "backwards")):

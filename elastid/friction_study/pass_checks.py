@@ -53,10 +53,7 @@ PASSES = PassThresholds()
 
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time below the drive's limit, and notes on the others, whose pair goes with them.
-
-    DataError where none is left.
-    """
+    """The passes that slide below the drive's limit, and notes on the others, whole pairs; DataError where none is."""
     sticking = {
         each.pair: f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
         f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "

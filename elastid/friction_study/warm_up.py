@@ -232,10 +232,7 @@ def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
-    """The log with the level of each test pass, half the difference of the means of its directions.
-
-    Means are over the angles that both directions cover, so that gravity is the same in both.
-    """
+    """The log with the level of each test pass: half the difference of both ways over angles that both cover."""
     pairs = [_common(sorted(passes_of(record), key=lambda each: -each.direction)) for record in tests]
     speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
     levels = [(forth.torque.mean() - back.torque.mean()) / 2 for forth, back in pairs]

@@ -87,10 +87,7 @@ def _common_divisor(period: FloatArray) -> int:
 
 
 def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, where: str) -> list[Note]:
-    """A note on each pair of torques, or of motions of motors, in signals (n, c) that are one up to a factor.
-
-    Signals that do not move are left to other checks.
-    """
+    """A note on each pair of torques, or of motors' motions, of signals (n, c) that move as one up to a factor."""
     moving = signals - signals.mean(axis=0)
     size = np.linalg.norm(moving, axis=0)
     known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and size[i] > 0]

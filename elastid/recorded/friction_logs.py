@@ -180,10 +180,7 @@ class _LogReader:
     def _moves(
         self, joint: Joint, positions: Mapping[str, FloatArray], signals: Mapping[tuple[str, str, str], FloatArray]
     ) -> bool:
-        """True if a joint with torque and position moves by more than its controller's errors.
-
-        DataError for a position that can only be that of the motor.
-        """
+        """True if it moves by more than its controller's errors; DataError for a position that only a motor can have."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
         travel = float(np.ptp(positions[joint.name]))

@@ -49,10 +49,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
-    """T (n_c, n_c) from channels by their own ratio to channels on the link side: the identity without couplings.
-
-    StudyError where a channel with side: motor needs another that is missing.
-    """
+    """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
     torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
     T = np.eye(len(channels))
     motors = list(robot.motor_locations)

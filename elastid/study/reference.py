@@ -1,7 +1,4 @@
-"""Keys of a study: where each may stand, its type in words, its text and default, for editors, terminal and pages.
-
-The text of a key stands in the annotation of its field (`elastid.base.section.Key`).
-"""
+"""Keys of a study: places, type in words, default and text (`Key` beside its field), for editors, terminal, pages."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A robot's file in any of its forms -> Robot: bodies and joints, Denavit-Hartenberg parameters, or a URDF; and back.
-
-The keys `bodies`, `links` or `urdf` decide which.
-"""
+"""A robot's file of bodies, Denavit-Hartenberg `links`, or a `urdf` (its keys decide which) -> Robot; and back."""
 
 from __future__ import annotations
 
@@ -50,10 +47,7 @@ def read_robot(path: Path) -> YamlSource:
 
 
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:
-    """The same with a Robot under `robot` where that is given by links or a URDF; folder: paths start there.
-
-    StudyError with a line for each error.
-    """
+    """A Robot made of `links` or a `urdf` under `robot`, paths from folder on; StudyError, a line for each error."""
     data = source.data.get("robot")
     if not isinstance(data, dict) or "bodies" in data:
         return source

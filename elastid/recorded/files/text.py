@@ -33,10 +33,7 @@ _FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
 
 @dataclass(frozen=True)
 class TextLog:
-    """The lines of a text log.
-
-    number_lines: with decimal points.  headings: of the columns, or none.  first: line (from 0) where the data start.
-    """
+    """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start."""
 
     path: Path
     format: TextFormatSpec

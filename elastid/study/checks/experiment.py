@@ -207,10 +207,7 @@ def check_excitation(study: Study) -> Iterator[Problem]:
 
 
 def check_lines(study: Study) -> Iterator[Problem]:
-    """Enough lines for an orthogonal set and for the unknowns; some in each band; none where the carrier is.
-
-    Of a study that has no other problem.
-    """
+    """Enough lines for orthogonal sets and unknowns, some in each band, none where the carrier is."""
     excitation, simulated = study.excitation, study.experiment.simulated
     if excitation is None or simulated is None:
         return

@@ -80,10 +80,7 @@ def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Itera
 def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
-    """Files exist and are of configurations that exist; each configuration has one.
-
-    In a study of friction a file needs no configuration.
-    """
+    """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
     configurations, is_friction = study.experiment.configurations, study.friction is not None
     for i, file in enumerate(files):
         place = base / file.path
