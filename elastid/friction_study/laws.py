@@ -148,7 +148,7 @@ class _Part:
 
 
 def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...]]:
-    """The law with the parts that levels identify, and the others with reasons; FitError for one of those that is `yes`."""
+    """The law with the parts that levels identify, and the others with reasons; FitError where such a one is `yes`."""
     fit = fit_curve(levels, Terms(("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",), (), {}))
     waiting, held = list(_parts(levels, spec)), dict[str, str]()
     # A part may show only after a later one: what was refused by its numbers is tried once more.

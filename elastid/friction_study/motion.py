@@ -142,7 +142,7 @@ class MotionFriction:
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
-    """Inertia and friction of one axis from its logs; DataError for short or one-sided ones, and friction that drives."""
+    """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for motion, each in zip(motions, signals, strict=True):
         for direction, word in ((1, "forwards"), (-1, "backwards")):

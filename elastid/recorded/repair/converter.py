@@ -100,11 +100,9 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
 
 def _at_limit(x: FloatArray) -> BoolArray:
     span = np.max(x) - np.min(x)
-    if step(x) > LIMITS.max_step_share * span:
-        return np.zeros(len(x), dtype=np.bool_)
-    return np.asarray(
-        (np.max(x) - x <= LIMITS.equal_tolerance * span) | (x - np.min(x) <= LIMITS.equal_tolerance * span)
-    )
+    near = LIMITS.equal_tolerance * span
+    has_fine_steps = step(x) <= LIMITS.max_step_share * span
+    return np.asarray(has_fine_steps & ((np.max(x) - x <= near) | (x - np.min(x) <= near)))
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:

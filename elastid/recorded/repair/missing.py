@@ -2,11 +2,8 @@
 
 From a lost or doubled sample on every period is shifted by whole samples.  The place is where the sum of squares, with
 the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
-taken out, so that all periods are in step again.  Missing samples are filled from the same phase of other repetitions,
-or interpolated without a period.
-
-Gaps of a sample or two are filled by the cubic through the samples beside them; a longer gap is refused with the
-longest piece of the log that has none.
+taken out.  Missing samples are filled from the same phase of other repetitions; without a period gaps of a sample or
+two by the cubic through the samples beside them, while a longer gap is refused.
 """
 
 from __future__ import annotations
@@ -57,7 +54,10 @@ def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     X = scaled(drivers, N)
     if 2 * np.count_nonzero(_best_lags(_cross(X[1:], X[:-1]))) >= P - 1:
         return Repaired(signals)
-    reference = _reference(X)
+    # The mean (N, d) of the two consecutive periods that agree best, later ones first where all do.
+    apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
+    best = len(apart) - 1 - int(np.argmin(apart[::-1]))
+    reference = np.asarray((X[best] + X[best + 1]) / 2)
     lags = _lags(X, reference)
     jumps = np.flatnonzero(np.diff(lags)) + 1
     if jumps.size == 0:
@@ -77,13 +77,6 @@ def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
         findings.append(Finding(DROPPED if change < 0 else DOUBLED, abs(change), text))
         moved -= change
     return Repaired(result, tuple(findings))
-
-
-def _reference(X: FloatArray) -> FloatArray:
-    """The mean (N, d) of the two consecutive periods that agree best, later ones first where all do."""
-    apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
-    best = len(apart) - 1 - int(np.argmin(apart[::-1]))
-    return np.asarray((X[best] + X[best + 1]) / 2)
 
 
 def _cross(X: FloatArray, reference: FloatArray) -> FloatArray:

@@ -76,7 +76,10 @@ def _spikes(x: FloatArray, expectation: FloatArray) -> tuple[IntArray, FloatArra
 
     e = x - expectation
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
-    least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
+    sigma = STD_OVER_MAD * float(np.median(d))
+    if sigma == 0:  # most samples agree exactly
+        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
+    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
     spikes, usual = [np.arange(0)], [x[:0]]
     for first, end in runs(np.asarray(d > least)):
         run = np.arange(first, end)
@@ -99,14 +102,6 @@ def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     coefficients = np.linalg.lstsq(powers, e[sides], rcond=None)[0]
     scatter = float(np.abs(e[sides] - powers @ coefficients).max())
     return np.asarray(np.vander((run - middle) / n, 3) @ coefficients), scatter
-
-
-def _threshold(d: FloatArray) -> float:
-    """8 sigma, sigma from the median; where most samples agree exactly, from the smaller 99 %."""
-    sigma = STD_OVER_MAD * float(np.median(d))
-    if sigma == 0:
-        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    return LIMITS.min_sigmas * sigma
 
 
 def _is_alone(d: FloatArray, run: IntArray) -> bool:
