@@ -11,8 +11,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.recorded.repair import blocks
 from elastid.recorded.repair.clock import CLOCK, delay
-from elastid.recorded.repair.repeats import blocks
 
 
 @dataclass(frozen=True)

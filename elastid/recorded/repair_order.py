@@ -13,11 +13,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.recorded.periodicity import LIMITS, grid_samples, repetition
-from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.repair import Finding, Log, Repaired, find_drift
 from elastid.recorded.repair.clock import at_times, resampled
 from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.missing import bridged_gaps, filled, realigned
-from elastid.recorded.repair.repeats import find_drift
 from elastid.recorded.repair.spikes import despiked
 from elastid.recorded.repair.stops import without_stops
 

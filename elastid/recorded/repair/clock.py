@@ -21,8 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.repeats import blocks, scaled
+from elastid.recorded.repair import Finding, Log, Repaired, blocks, scaled
 
 GAPS = "samples missing in time"
 RESAMPLED = "samples resampled"

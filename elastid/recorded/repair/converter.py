@@ -14,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, in_runs, runs
-from elastid.recorded.repair.repeats import blocks, flat
+from elastid.recorded.repair import Finding, Log, blocks, flat, in_runs, runs
 
 CLIPPED = "samples at a limit"
 

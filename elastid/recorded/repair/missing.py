@@ -14,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, runs
-from elastid.recorded.repair.repeats import expected, scaled
+from elastid.recorded.repair import Finding, Log, Repaired, expected, runs, scaled
 
 DROPPED = "lost samples put back"
 DOUBLED = "doubled samples taken out"

@@ -15,9 +15,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import STD_OVER_MAD
-from elastid.recorded.repair import Finding, Log, Repaired, runs
+from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
 from elastid.recorded.repair.converter import step
-from elastid.recorded.repair.repeats import expected
 
 REPLACED = "spikes replaced"
 

@@ -10,7 +10,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
-from elastid.study.checks.experiment import check_experiment, check_simulated
+from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
 from elastid.study.checks.names import unknown
 from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem
@@ -35,7 +35,8 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     if experiment.recorded is not None:
         yield from check_friction_logs(study, experiment.recorded, base)
         return
-    yield from check_experiment(study)
+    yield from check_count(study)
+    yield from check_configurations(study)
     if spec.passes == "detect":
         message = "detect is for logs (experiment.recorded), whose passes are there; give speeds, count, window ..."
         yield Problem(_PASSES, message)
