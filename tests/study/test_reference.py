@@ -23,7 +23,7 @@ GIVEN_THROUGH_HELPERS = {
     "experiment/simulated/test_hardware.py": ("SimulatedSpec.model",),
     "recorded/test_link_side.py": ("ChannelSpec.hold",),
     "recorded/responses/test_reading.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
-    "recorded/test_period.py": ("FileSpec.period_samples",),
+    "recorded/test_periodicity.py": ("FileSpec.period_samples",),
     "recorded/test_rig.py": ("RecordedSpec.text",),
     "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
