@@ -242,11 +242,9 @@ class FilterSpec:
         "f+ and f- (of each direction), offset (slow error of the torque, as of gravity).", "f+ and f- for axes whose "
         "slopes differ, without offset where gravity is known well; each more widens all where motion is "
         "poor.")] = ("Fc", "f", "offset")
-    drift: Annotated[Ratio, Key("Relative change of a number that is expected within drift_time.", "larger follows "
-        "faster and scatters more; the report's check of the innovations says which of both it is. 20 % in 20 minutes "
+    drift: Annotated[Ratio, Key("Relative change of a number that is expected within 20 minutes, as a random walk.",
+        "larger follows faster and scatters more; the report's check of the innovations says which of both it is. 20 % "
         "is a robot that warms up.")] = 0.2
-    drift_time: Annotated[Time, Key("Time in which the expected change of a number happens.", "the time constant of "
-        "warming; the filter sees drift over the root of it alone, so that tuning one of the two is enough.")] = 1200.0
     correlation_time: Annotated[Time, Key("Correlation time of the torque noise that is not white, 0 for none; ripple "
         "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
         "correlated; 0 would trust such logs too much: intervals come out too narrow.")] = 0.0
@@ -264,11 +262,10 @@ class FilterSpec:
         _refuse_repeated("states", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
-        if not (self.drift > 0 and self.drift_time > 0) or min(self.correlation_time, self.settle) < 0:
+        if not self.drift > 0 or min(self.correlation_time, self.settle) < 0:
             raise ValueError(
-                f"drift is {self.drift:g}, drift_time {self.drift_time:g} s, correlation_time "
-                f"{self.correlation_time:g} s and settle {self.settle:g} s; the first two must be positive, the others "
-                "not negative"
+                f"drift is {self.drift:g}, correlation_time {self.correlation_time:g} s and settle {self.settle:g} s; "
+                "the first must be positive, the others not negative"
             )
         if self.torque_std is not None and not self.torque_std > 0:
             raise ValueError(f"torque_std is {self.torque_std:g}; it must be positive (default: from the innovations)")
@@ -276,4 +273,4 @@ class FilterSpec:
     @property
     def drift_rates(self) -> dict[str, float]:
         """Of each followed logarithm, in a root second; of the offset in parts of F_c."""
-        return dict.fromkeys(self.states, self.drift / self.drift_time**0.5)
+        return dict.fromkeys(self.states, self.drift / 1200.0**0.5)
