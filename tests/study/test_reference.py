@@ -28,7 +28,7 @@ GIVEN_THROUGH_HELPERS = {
     "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
     "design/test_design.py": ("MultisineSpec.least",),
-    "frf/test_welch.py": ("EstimatorSpec.window", "EstimatorSpec.overlap"),
+    "frf/test_welch.py": ("EstimatorSpec.window",),
     "study/test_effects_of_keys.py": ("FitSpec.bootstrap_kind",),
     "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames"),
     "robot/test_urdf.py": tuple(f"UrdfJoint.{key}" for key in ("spring", "motor", "elastic", "viscous", "limits"))
