@@ -216,10 +216,7 @@ def follow(
     settle_s: float,
     find_noise: bool,
 ) -> FollowedFriction:
-    """The followed friction of a joint; find_noise: from the innovations of the longest motion, else as guessed.
-
-    Raises DataError where the motions are shorter than the filter takes to settle.
-    """
+    """Followed friction; find_noise: by innovations of the longest motion, not as guessed.  DataError for short ones."""
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
     noise = guess

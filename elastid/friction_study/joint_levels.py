@@ -217,10 +217,7 @@ def check_sides(
 def check_torques(
     robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
 ) -> None:
-    """DataError where torques (n,) by joint are as small or large as those of the other side of the gears.
-
-    expected: by the robot's file.  Joints count whose torque follows it, and the middle one of them decides.
-    """
+    """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers = []
     for joint, torque in measured.items():
         known, ratio = expected[joint], abs(robot.ratio(joint))

@@ -251,10 +251,7 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
 
 
 def _amplitudes(record: FrictionRecord) -> FloatArray:
-    """Travel of each half loop: by its period where it has one, else from one change of the torque's sign to the next.
-
-    Noise changes the sign of a small torque too, which a period is free of.
-    """
+    """Travel of each half loop, by its period or else by the torque's sign, which noise changes where it is small."""
     if record.period_samples is not None:
         ends = np.arange(0, len(record.position), record.period_samples / 2)[1:].astype(int)
     else:

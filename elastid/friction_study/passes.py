@@ -93,7 +93,10 @@ class PassRegression:
             own = np.zeros((len(each.position), 2 * len(order)))
             own[:, order.index(each.pair)] = each.direction
             own[:, len(order) + order.index(each.pair)] = 1.0
-            columns = [each.acceleration, each.direction * _about_mean(np.abs(each.velocity))]
+            speed = np.abs(each.velocity)
+            about = speed - speed.mean()
+            about[np.abs(about) < 1e-9 * speed.mean()] = 0.0  # rounding, all that a constant speed leaves, is no slope
+            columns = [each.acceleration, each.direction * about]
             for load in loads:
                 carried = float(load == each.load_name)
                 columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
@@ -185,13 +188,6 @@ def _means(x: FloatArray, step: int) -> FloatArray:
     """Means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
     n = len(x) // step
     return np.asarray(x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1))
-
-
-def _about_mean(speed: FloatArray) -> FloatArray:
-    """|q'| - v_k of a pass; a constant commanded speed leaves rounding alone, which is no slope."""
-    about = speed - speed.mean()
-    about[np.abs(about) < 1e-9 * speed.mean()] = 0.0
-    return np.asarray(about)
 
 
 # Position is smoothed above, before it is differentiated: speeds and ripple of a pass are slower.

@@ -206,10 +206,7 @@ def _from_later(rho: FloatArray, period: float) -> float:
 
 
 def autocorrelation(x: FloatArray) -> FloatArray:
-    """rho (n - n // 8,) of a signal (n,) after 0, 1, ... samples, over the samples that overlap, at least n // 8.
-
-    Missing samples (NaN) and their partners do not count.
-    """
+    """rho (n - n // 8,) of x (n,) after 0, 1, ... samples; missing ones (NaN) and their partners do not count."""
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
     known = np.isfinite(x)

@@ -87,14 +87,12 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 
 def _member(own: MemberSpec, folder: str, shared: Mapping[str, Any]) -> Member:
     names = {"robot": own.robot, "date": own.date, "folder": folder}
-    overrides = [f"{key}={_filled(value, names)}" for key, value in {**shared, **own.set}.items()]
+    overrides = []
+    for key, value in {**shared, **own.set}.items():
+        text = value if isinstance(value, str) else repr(value)
+        filled = re.sub(r"\{(robot|date|folder)\}", lambda match: names[match[1]], text)  # other braces stay
+        overrides.append(f"{key}={filled}")
     return Member(own.robot, own.date, tuple(overrides))
-
-
-def _filled(value: Any, names: Mapping[str, str]) -> str:
-    """A value of an override as text, with the member's names; other braces stay."""
-    text = value if isinstance(value, str) else repr(value)
-    return re.sub(r"\{(robot|date|folder)\}", lambda match: names[match[1]], text)
 
 
 def _rows(path: Path) -> Iterator[MemberSpec]:

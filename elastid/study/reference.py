@@ -246,11 +246,8 @@ def _explanation(key: StudyKey) -> str:
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
-    return "\n".join([key.path, *map(_indented, paragraphs)])
-
-
-def _indented(paragraph: str) -> str:
-    return fill(paragraph, 100, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    layout: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
+    return "\n".join([key.path, *(fill(paragraph, 100, **layout) for paragraph in paragraphs)])
 
 
 def _default(value: Any) -> str:

@@ -92,7 +92,8 @@ def _plain(value: Any) -> Any:
             own, default = getattr(value, field.name), field.default
             if field.default_factory is not MISSING:
                 default = field.default_factory()
-            if own is not None and (default is MISSING or own != default) and not _is_unlimited(own):
+            is_unlimited = isinstance(own, float) and math.isinf(own)  # which a file says by leaving it out
+            if own is not None and (default is MISSING or own != default) and not is_unlimited:
                 entries[field.name] = _plain(own)
         return entries
     if isinstance(value, tuple):
@@ -105,8 +106,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bool | int | str):
         return value
     return float(value)
-
-
-def _is_unlimited(value: Any) -> bool:
-    """No limit, which a file cannot say but by leaving it out."""
-    return isinstance(value, float) and math.isinf(value)

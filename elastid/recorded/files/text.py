@@ -93,7 +93,9 @@ class TextLog:
         if channel.channel and (self.headings or column is None):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not headed:
-                raise DataError(self._not_headed(channel))
+                start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
+                missing = missing_channel(self.path, channel, self.shapes())
+                raise DataError(missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 listed = ", ".join(map(str, headed))
                 raise DataError(
@@ -106,10 +108,6 @@ class TextLog:
         if column > self.n_columns:
             raise DataError(f"{self.path}: there is no column {column}; it has {self.n_columns}, the first is column 1")
         return column - 1
-
-    def _not_headed(self, channel: ChannelSpec) -> str:
-        start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
-        return missing_channel(self.path, channel, self.shapes()) + start + otherwise_written(self.path, self.format)
 
 
 def recognises(path: Path, head: bytes) -> bool:

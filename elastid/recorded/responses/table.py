@@ -262,11 +262,7 @@ def is_universal_file(path: Path) -> bool:
 
 
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
-    """All responses of a universal file as one matrix.
-
-    Raises StudyError where pyuff is not installed or the file's quantity is not that of a channel, DataError where
-    the responses do not share their frequencies.
-    """
+    """All responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
     outputs, inputs = (tuple(dict.fromkeys(_place(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
     freq = np.asarray(sets[0]["x"], dtype=np.float64)

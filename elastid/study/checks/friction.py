@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
@@ -116,7 +115,9 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
-    if study.as_friction().law.temperature == "yes" and not _has_temperature(recorded):
+    has_temperature = any(channel.role == "t" for channel in recorded.channels)
+    has_temperature = has_temperature or any(file.temperature is not None for file in recorded.files)
+    if study.as_friction().law.temperature == "yes" and not has_temperature:
         yield Problem(
             ("friction", "law", "temperature"),
             "no log has a temperature; add a channel of role t and quantity temperature, give files[].temperature, or "
@@ -128,7 +129,8 @@ def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Probl
     asked = study.as_friction().joints
     for joint in study.friction_joints if asked else ():
         torque = any(channel.role == "u" and channel.at == f"motor {joint.name}" for channel in recorded.channels)
-        position = any(_is_position(channel, joint.name) for channel in recorded.channels)
+        places = (f"motor {joint.name}", f"joint {joint.name}")
+        position = any(each.quantity == "position" and each.at in places for each in recorded.channels)
         if not (torque and position):
             missing = "role u" if not torque else "role y and quantity position"
             yield Problem(
@@ -157,10 +159,6 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
         yield Problem(path, message, at_key=True)
 
 
-def _is_position(channel: ChannelSpec, joint: str) -> bool:
-    return channel.quantity == "position" and channel.at in (f"motor {joint}", f"joint {joint}")
-
-
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
     driven = [joint.name for joint in study.as_robot().driven]
     loads = [load.name for load in study.as_friction().loads]
@@ -172,8 +170,3 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     if study.experiment.as_recorded().period_of(file) is not None:
         message = "passes and loops of friction are evaluated without a period; leave period and period_samples out"
         yield Problem(path, message)
-
-
-def _has_temperature(recorded: RecordedSpec) -> bool:
-    by_hand = any(file.temperature is not None for file in recorded.files)
-    return by_hand or any(channel.role == "t" for channel in recorded.channels)
