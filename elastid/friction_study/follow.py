@@ -216,7 +216,7 @@ def follow(
     settle_s: float,
     find_noise: bool,
 ) -> FollowedFriction:
-    """Followed friction; find_noise: by innovations of the longest motion, not as guessed.  DataError for short ones."""
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
     noise = guess

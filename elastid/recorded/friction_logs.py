@@ -115,7 +115,7 @@ class _LogReader:
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings, *clean.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
-        by_place = {
+        by_place: Signals = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
