@@ -37,8 +37,8 @@ from elastid.store.measured import read_records, read_responses
 from elastid.store.results import read_fit
 from elastid.study import Study, load_robot
 from elastid.study.checks import check_study
+from elastid.study.loading import convert_to_si
 from elastid.study.messages import Problem, validate
-from elastid.study.quantities import convert_to_si
 
 Section = TypeVar("Section")
 

@@ -127,7 +127,7 @@ def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
 
 def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
     """The responses that a design adds to, or whose noise it expects, each with the fit next to it."""
-    from elastid.study.checks.design import responses_file  # brings pydantic, which help does without
+    from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
 
     design = handed["design"]
     paths = () if design is None else filter(None, (*design.measured, design.noise.frf))

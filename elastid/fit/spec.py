@@ -87,17 +87,12 @@ class WeightSpec:
         "square, in iteratively reweighted least squares: for single lines that are wrong by factors.", "for single "
         "lines that are wrong by factors; good data lose a little of their precision. Whole bands or channels that are "
         "wrong need a factor of 0.")] = "square"
-    loss_scale: Annotated[float, Key("Standard deviations of real and imaginary part beyond which an element is an "
-        "outlier.", "lower, about 1.3, where many lines are wrong; higher comes back to the square. At 2 all but 5 % "
-        "of good data count with their square.")] = 2.0
     # fmt: on
 
     def __post_init__(self) -> None:
         """Refuse negative settings."""
         if self.floor < 0 or self.smooth < 0:
             raise ValueError("floor and smooth must not be negative")
-        if not 0 < self.loss_scale < math.inf:
-            raise ValueError(f"loss_scale is {self.loss_scale:g} standard deviations; give about 2")
 
 
 # Whatever is more is a slip of the pen.

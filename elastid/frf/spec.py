@@ -78,14 +78,11 @@ class EstimatorSpec:
     window: Annotated[Window, Key("Window of each segment in Welch's method.", "`boxcar` where signals die out within "
         "a segment, as after a hammer; `flattop` only for the height of single lines, `hann` loses least for "
         "noise.")] = "hann"
-    overlap: Annotated[float, Key("Overlap of neighbouring segments, as a part of their length.", "0.5 uses all "
-        "samples equally under `hann`; 0.67 to 0.75 lowers the variance a little for windows that are narrower in "
-        "time, and takes longer.")] = 0.5
     segment: Annotated[Time | Literal["auto"], Key("Length of a segment in Welch's method, whose lines are 1/segment "
-        "apart; `auto`: the longest power of two in samples that leaves 16 segments, and 8 for each input, and holds a "
-        "million numbers at most in all channels together, for memory.", "longer for sharp resonances (1/segment below "
-        "a quarter of their width), shorter for lower variance; the product of both is bound by the length of the "
-        "record.")] = "auto"
+        "apart; the next begins in its middle. `auto`: the longest power of two in samples that leaves 16 segments, "
+        "and 8 for each input, and holds a million numbers at most in all channels together, for memory.", "longer for "
+        "sharp resonances (1/segment below a quarter of their width), shorter for lower variance; the product of both "
+        "is bound by the length of the record.")] = "auto"
     resolution_hz: Annotated[Frequency | None, Key("Distance of the lines of a local method, whose windows are as wide "
         "at least, for records without a period; default: each line of their DFT.", "larger for a faster fit with "
         "fewer lines; it must stay below a quarter of the narrowest resonance.")] = None
@@ -101,8 +98,6 @@ class EstimatorSpec:
             raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
         if self.local_order != "auto" and not 1 <= self.local_order <= 6:
             raise ValueError(f"local_order is {self.local_order}; it must be 1 to 6")
-        if not 0 <= self.overlap <= 0.95:  # more costs time without new information
-            raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to 0.95 of a segment")
         if self.segment != "auto" and not self.segment > 0:
             raise ValueError(f"segment is {self.segment:g} s; it must be positive")
         if self.resolution_hz is not None and not self.resolution_hz > 0:

@@ -116,7 +116,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
 
     def segments_of(L: int) -> Segments:
         window = np.asarray(get_window(spec.window, L), dtype=np.float64)
-        return Segments(window, max(1, L - int(spec.overlap * L)))
+        return Segments(window, max(1, L - L // 2))
 
     where = f"configuration {first.configuration.name}: "
     if spec.segment != "auto":
@@ -199,7 +199,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     L = len(segments.window)
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
-        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap {100 * spec.overlap:g} %: "
+        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap 50 %: "
         f"worth {data.K_e:.3g} independent ones"
     )
     notes.append(Note("segments", text, severity="information"))

@@ -17,8 +17,6 @@ for all amplitudes and so extrapolates to none:
 
 Maxwell slip has no amplitude below which it is linear: its stiffness falls with the logarithm of the amplitude, faster
 than a single bristle explains, which a fit with a stiffness of each amplitude's own shows.
-
-Displacement per torque of one place at standstill under a small multisine, one response for each amplitude.
 """
 
 from __future__ import annotations
@@ -96,16 +94,16 @@ def fit_at_rest(
     """
     model = _Model(tuple(responses), joint, viscous[0])
     shared = model.fit(model.start(), place)
-    own = model.fit(model.on_its_own(shared.x), place)
+    n = model.n_common
+    own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
     ((sigma_0, per_bend, sigma_1),) = model.bristles(shared.x).tolist()
-    n, std = model.n_common, np.sqrt(np.diag(shared.covariance))
-    scale = np.array([sigma_0, model.damping_unit])
+    std, scale = np.sqrt(np.diag(shared.covariance)), np.array([sigma_0, model.damping_unit])
     covariance = shared.covariance[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
     slip = float(shared.x[n + 1])
     break_away = sigma_0 / per_bend if slip > REST.min_slip_stds * std[n + 1] else None
     inertia = float(np.exp(shared.x[0])) if joint is None else None
     points, falls = model.points(own), _falls(model, shared, own)
-    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
     notes = _notes(place, points, falls, slip)
     return AtRest(sigma_0, sigma_1, covariance, points, break_away, inertia, falls, notes)
 
@@ -133,12 +131,8 @@ class _Model:
     def bristles(self, x: FloatArray) -> FloatArray:
         """(sigma_0, 1 / z_s, sigma_1) once or of each amplitude, (1 or n, 3)."""
         values = x[self.n_common :].reshape(-1, 3)
-        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [self.slip_unit, self.damping_unit]]))
-
-    @property
-    def slip_unit(self) -> float:
-        """Of 1 / z_s in x: over the largest rms position."""
-        return 1 / max(response.rms_position for response in self.responses)
+        slip_unit = 1 / max(response.rms_position for response in self.responses)  # of 1 / z_s in x
+        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [slip_unit, self.damping_unit]]))
 
     def receptance(self, x: FloatArray, index: int) -> ComplexArray:
         """G (F,) at one amplitude."""
@@ -162,10 +156,6 @@ class _Model:
         smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
         common = [np.log(max(float(J), smallest)) for J in inertia]
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
-
-    def on_its_own(self, x: FloatArray) -> FloatArray:
-        """The same with bristles of each amplitude's own."""
-        return np.concatenate([x[: self.n_common], np.tile(x[self.n_common :], len(self.responses))])
 
     def fit(self, start: FloatArray, place: str) -> Optimum:
         """The optimum from a start; the covariance is that of the residuals where they exceed the noise."""
@@ -299,7 +289,6 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
 
 
 def _periodic(record: FrictionRecord, realisation: int) -> Record:
-    """The record in the form that estimates of a frequency response take."""
     if record.period_samples is None:
         raise DataError(
             f"joint {record.joint} at rest ({record.name}): its torque has no period; repeat a multisine, and state "

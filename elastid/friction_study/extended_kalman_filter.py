@@ -1,4 +1,4 @@
-r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, run over a log in pieces of any number.
+r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift.
 
 .. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
@@ -23,7 +23,7 @@ while one that slides by more than z_s in a sample has it at its end.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -80,15 +80,8 @@ class FollowedJoint:
         mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
-    def start_of(self, name: Followed) -> float:
-        """The number from which a followed one starts, not its logarithm."""
-        return {"Fc": self.coulomb, "offset": 0.0}.get(name, self.viscous)
-
     def step(self, rate_hz: float) -> ca.Function:
-        """(x (n,), u, g) -> x (n,) one sample later; torque held, the noise w its mean.
-
-        One Runge-Kutta step, the bristle by its exact update.
-        """
+        """(x (n,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update; torque held."""
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
         state = dict(zip(names, ca.vertsplit(x), strict=True))
@@ -182,7 +175,6 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
 def _process_noise(
     joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, g: ca.SX, noise: ca.SX
 ) -> ca.SX:
-    """Q (n, n)."""
     names = joint.states
     by_u, by_g = ca.jacobian(predicted, u), ca.jacobian(predicted, g)
     coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
@@ -275,7 +267,7 @@ def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Est
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
     std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
     for name in joint.followed:
-        start[name] = 0.0 if name == "offset" else float(np.log(joint.start_of(name)))
+        start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
     return Estimate(x, np.diag([std[name] ** 2 for name in names]))
@@ -285,7 +277,6 @@ class KalmanFilter:
     """A joint's filter at a rate, compiled once; run(...) carries an estimate over samples."""
 
     def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
-        """Compile the step, alone and as a loop of PIECE samples."""
         self.joint, self.rate_hz = joint, rate_hz
         self._step = filter_step(joint, rate_hz)
         self._loop = self._step.mapaccum("filter", PIECE, 2)
@@ -305,18 +296,9 @@ class KalmanFilter:
         variances = np.diagonal(P, axis1=1, axis2=2)
         return Track(self.joint, self.rate_hz, x, np.sqrt(variances), P[:, first:, first:].copy(), e, S, estimate)
 
-    def stream(self, pieces: Iterable[JointSamples], noise: FilterNoise, start: Estimate) -> Iterator[Track]:
-        """A track of each piece of a log too long to hold, each from the end of the one before."""
-        estimate = start
-        for samples in pieces:
-            track = self.run(samples, noise, estimate)
-            estimate = track.last
-            yield track
-
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """States, covariances, innovations and variances of a slice of at most PIECE samples."""
         count, n_x = piece.stop - piece.start, len(start.x)
         rows = [part[piece][None, :] for part in (samples.torque, samples.load, samples.angle)]
         function = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)

@@ -1,14 +1,30 @@
-r"""A joint's friction followed over its motions, one after the other, and the judgement of the filter.
+r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between.
+continue, their covariance grown by the drift of the time between. Before a band is believed its innovations are tested,
+
+.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
+          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
+          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
+
+(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) Noise of
+torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+
+.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
+
+(Mehra, IEEE Trans. Automatic Control 15(2), 1970, has the idea). A real axis has torque noise that is correlated in
+time (ripple, cogging, cables), and a filter that takes it for white has bands that are far too narrow: the state w
+carries it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import chi2
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
@@ -22,16 +38,132 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-from elastid.friction_study.innovations import (
-    FILTER,
-    Consistency,
-    Direction,
-    consistency,
-    estimate_noise,
-    most_correlated,
-    unknown,
-    weakest_direction,
-)
+
+
+@dataclass(frozen=True)
+class FilterThresholds:
+    """Thresholds of the judgement of a filter."""
+
+    nis_band: tuple[float, float] = (0.9, 1.1)  # mean NIS of an honest filter, wider than the chi-squared band
+    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
+    standing_share: float = 0.02  # of the largest velocity: a joint stands below
+    max_correlation: float = 0.3  # of innovations from sample to sample; those of white noise have less
+    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
+    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
+    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
+    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
+
+
+FILTER = FilterThresholds()
+
+
+@frozen_value
+class Consistency:
+    """Of the samples after a filter has settled.
+
+    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
+    autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
+    """
+
+    nis: float
+    nis_at_stops: float
+    band: tuple[float, float]
+    autocorrelation: FloatArray
+    n_eff: float
+
+    @property
+    def is_white(self) -> bool:
+        """True if innovations are barely correlated from sample to sample."""
+        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of followed numbers: weights by name, and its std over that before the log."""
+
+    weights: dict[str, float]
+    ratio: float
+
+    @property
+    def words(self) -> str:
+        """The names that matter in it, as "Fc against offset"."""
+        largest = max(self.weights.values(), key=abs)
+        parts = {name: weight / largest for name, weight in self.weights.items() if abs(weight) > 0.3 * abs(largest)}
+        together = [name for name, weight in parts.items() if weight > 0]
+        against = [name for name, weight in parts.items() if weight < 0]
+        return " with ".join(together) + (" against " + " with ".join(against) if against else "")
+
+
+def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
+    """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
+    first = round(settled_s * track.rate_hz)
+    nis = track.nis[first:]
+    if len(nis) <= lags:
+        raise ValueError(f"{len(nis)} samples after {settled_s:g} s are too few to judge a filter; record longer")
+    at_stops = _around_stops(track)[first:]
+    nu = track.innovation[first:] / np.sqrt(track.variance[first:])
+    power = float(nu @ nu)
+    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
+    n_eff = max(1.0, len(nu) * (1 - rho[1]) / (1 + rho[1]))
+    return Consistency(
+        nis=float(nis.mean()),
+        nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
+        band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
+        autocorrelation=rho,
+        n_eff=float(min(n_eff, len(nu))),
+    )
+
+
+def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
+    """The combination of followed numbers that the log constrains least; prior_std (p,): of each before the log."""
+    names = track.joint.followed
+    scaled = track.followed_covariance[-1] / np.outer(prior_std, prior_std)
+    values, vectors = np.linalg.eigh(scaled)
+    weights = dict(zip(names, vectors[:, -1].tolist(), strict=True))
+    return Direction(weights, float(np.sqrt(values[-1])))
+
+
+def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
+    """True (n, p) where a number is no better known than its std (n, p) or (p,) without the log, drift included."""
+    std = np.sqrt(np.diagonal(track.followed_covariance, axis1=1, axis2=2))
+    return np.asarray(std > FILTER.max_std_ratio * prior_std)
+
+
+def _around_stops(track: Track) -> BoolArray:
+    """Samples within `around_a_stop_s` of one at which the joint stands."""
+    speed = np.abs(track.values("v_m"))
+    stands = speed < FILTER.standing_share * float(np.quantile(speed, 0.99))
+    reach = round(FILTER.around_a_stop_s * track.rate_hz)
+    if not stands.any() or stands.all():
+        return np.zeros(len(stands), bool)
+    return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)
+
+
+def estimate_noise(
+    kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
+) -> FilterNoise:
+    """The most likely noise over seconds that move and stop as the log does; of the angle at least as guessed."""
+    names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
+    first = round(settled_s * kalman.rate_hz)
+    limit = np.log(1e3)
+
+    def noise_at(x: FloatArray) -> FilterNoise:
+        factors = np.exp(np.clip(x, -limit, limit))
+        factors[0] = max(factors[0], 1.0)
+        return guess.scaled(**dict(zip(names, factors.tolist(), strict=True)))
+
+    def cost(x: FloatArray) -> float:
+        track = kalman.run(samples, noise_at(x), start)
+        S, e = track.variance[first:], track.innovation[first:]
+        value = float(np.mean(np.log(S) + e**2 / S))
+        return value if np.isfinite(value) else 1e6
+
+    # Factors of three about the guess; noise that is known to 2 % is known well enough.
+    n = len(names)
+    simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
+    options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
+    return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
+
 
 # Lags of the autocorrelation.
 LAGS = 50
@@ -84,10 +216,7 @@ def follow(
     settle_s: float,
     find_noise: bool,
 ) -> FollowedFriction:
-    """The followed friction of a joint; find_noise: from the innovations of the longest motion, else as guessed.
-
-    Raises DataError where the motions are shorter than the filter takes to settle.
-    """
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
     noise = guess
@@ -104,8 +233,7 @@ def follow(
             f"joint {name}: its motions last {len(track.innovation) / rate_hz:.3g} s and the filter settles in "
             f"{settle_s:g} s; record longer, or give filter.settle"
         )
-    judged = consistency(track, settle_s, LAGS)
-    prior = np.sqrt(np.diag(start.P))[-len(joint.followed) :]
+    judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
     weakest = weakest_direction(track, prior)
     values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
     times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
@@ -119,12 +247,10 @@ def follow(
 
 
 def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
-    """The joint at rest where a motion begins."""
     return first_estimate(joint, float(samples.angle[0]), float(samples.load[0]))
 
 
 def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise, start: Estimate) -> list[Track]:
-    """One of each motion, the followed numbers carried on."""
     tracks: list[Track] = []
     estimate, ended_s = start, motions[0].start_s
     for motion in motions:
@@ -148,7 +274,6 @@ def _resumed(joint: FollowedJoint, last: Estimate, motion: Motion, noise: Filter
 
 
 def _joined(tracks: Sequence[Track]) -> Track:
-    """The tracks of all motions as one, the time between them left out."""
     last = tracks[-1]
     parts = {
         name: np.concatenate([getattr(track, name) for track in tracks])
@@ -172,10 +297,13 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
 
 
 def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray) -> Iterator[Note]:
-    """Numbers that the motion does not identify, and those that cannot be distinguished."""
+    names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track, prior), axis=0).tolist()
-    held = [number for number, is_unknown in zip(track.joint.followed, never, strict=True) if is_unknown]
-    pair, correlation = most_correlated(track)
+    held = [name for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    std = np.sqrt(np.diag(P))
+    correlations = np.triu(P / np.outer(std, std), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
+    correlation = float(correlations[i, j])  # the largest; 0 for a single number
     if held:
         text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("not-excited", text, place)
@@ -183,12 +311,11 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
         yield Note("weakly-excited", text, place)
     if abs(correlation) > FILTER.distinct_correlation:
-        text = f"{' and '.join(pair)} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
+        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
         yield Note("not-distinguished", text, place, severity="warning")
 
 
 def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
-    """Numbers that ended far outside of their prior."""
     names = track.joint.followed
     p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
     for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > FILTER.diverged_stds * prior):
@@ -201,7 +328,6 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
 
 
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
-    """Innovations that are correlated, or larger or smaller than the filter expects."""
     if not judged.is_white:
         text = (
             f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "

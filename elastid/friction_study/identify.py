@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.lugre_shooting import JointLog, LuGreFit, Prior, fit_lugre
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
@@ -50,23 +49,25 @@ def identify_friction(
     spec: FrictionSpec,
     truth: Robot | None = None,
 ) -> FrictionResult:
-    """The friction of all joints; truth: the robot that was simulated.
-
-    Raises FitError where a part of the law that is asked for (`yes`) cannot be identified.
-    """
+    """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if all(joint.friction is None for joint in joints):
         status = "failed"
-    return FrictionResult(joints, measured.notes, status, "; ".join(map(_sentence, joints)))
+    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints)
+    return FrictionResult(joints, measured.notes, status, message)
 
 
 def _joint(
     robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    """All parts of one joint."""
     name, passes = levels.joint, levels.levels
-    static = StaticLaw.of(_of_loads(passes.levels, measured.of(name, "passes")), spec.law) if passes else None
+    static = None
+    if passes:
+        curve = passes.levels
+        if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
+            curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
+        static = StaticLaw.of(curve, spec.law)
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, passes, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
@@ -81,13 +82,6 @@ def _joint(
         before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, levels.example,
         (*levels.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
-
-
-def _of_loads(levels: Levels, records: Sequence[FrictionRecord]) -> Levels:
-    """The levels, those of a single load under their mean load, which changes along the paths with the speed."""
-    if len({record.load for record in records}) > 1:
-        return levels
-    return replace(levels, load=np.full_like(levels.load, levels.load.mean()))
 
 
 def _law(
@@ -134,9 +128,8 @@ def _heat(
         return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
-def _sentence(joint: JointFriction) -> str:
-    parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4]]
-    return f"joint {joint.joint}: {', '.join(parts) or 'nothing was found'}"
+def _first_numbers(joint: JointFriction) -> str:
+    return ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
 
 
 def joint_law(
@@ -157,7 +150,6 @@ def joint_law(
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    """Coulomb and viscous friction of a motion, in the range of its plateaus."""
     fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
     apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
@@ -214,7 +206,6 @@ def find_before_sliding(
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
-    """The log; its first half loop only gives the elements their start."""
     if spec.presliding is not None:
         frequency_hz = spec.presliding.frequency_hz
     else:
@@ -266,8 +257,13 @@ def _bristles(
         )
         notes.append(Note("no-bristles", text, f"record {record.name}"))
         return None
-    prior = Prior.of_law(static) if rest is None else Prior.of_law(static).with_other(Prior.of_rest(rest))
-    torque = record.torque - _held_torque(levels, record.position)
+    prior = Prior.of(static.values, static.covariance)
+    if rest is not None:
+        at_rest = {"sigma_0": rest.sigma_0, "sigma_1": rest.sigma_1}
+        prior = prior.with_other(Prior.of(at_rest, rest.covariance))
+    q, shared = record.position, levels.shared
+    cos, sin, offset = (shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
+    torque = record.torque - np.asarray(cos * np.cos(q) + sin * np.sin(q) + offset)
     white_std = float(np.std(np.diff(torque, 2)) / np.sqrt(6))  # of white noise on a slow signal
     log = JointLog(
         f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
@@ -283,9 +279,3 @@ def _bristles(
     except (FitError, DataError) as error:
         notes.append(Note("no-bristles", str(error), f"record {record.name}"))
         return None
-
-
-def _held_torque(levels: PassLevels, position: FloatArray) -> FloatArray:
-    """Gravity and offset (n,), as the passes of the joint have them."""
-    cos, sin, offset = (levels.shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
-    return np.asarray(cos * np.cos(position) + sin * np.sin(position) + offset)

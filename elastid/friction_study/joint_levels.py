@@ -1,7 +1,5 @@
 r"""Records of a friction study -> levels of passes and regressions of motions, joint by joint.
 
-Logs of motions -> for each joint the regression of its motions, and the passes that they hold.
-
 A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
 body that they carry; the passes of the latter are free of it.
 
@@ -29,8 +27,7 @@ from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
-from elastid.friction_study.passes import passes_of
-from elastid.friction_study.plateaus import PLATEAUS, detect_passes, lone_plateaus
+from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -39,10 +36,7 @@ from elastid.robot import Joint, Robot
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
-    """Levels and motions of each joint that was measured.
-
-    Raises DataError where passes or motions of a joint cannot be evaluated, and where a joint has neither.
-    """
+    """Levels and motions of each measured joint; DataError where a joint has neither, or they cannot be evaluated."""
     motions = evaluate_motions(robot, joints, measured)
     return tuple(_of_joint(robot, joint, measured, motions.get(joint.name)) for joint in joints)
 
@@ -66,17 +60,13 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     has_gravity = against or (motion is not None and motion.has_gravity)
-    levels = levels_of_records(records, has_gravity, motor_turn(joint))
+    turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
+    levels = levels_of_records(records, has_gravity, turn)
     passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
     example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
     return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
-
-
-def motor_turn(joint: Joint) -> float:
-    """Angle (path) of the joint for one turn of its motor."""
-    return 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0
 
 
 @dataclass(frozen=True)
@@ -137,7 +127,6 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:
-    """Logs of the same joints are regressed at once."""
     groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
     for log in logs:
         groups.setdefault(tuple(log), []).append(log)
@@ -202,10 +191,7 @@ SIDES = SideLimits()
 def check_sides(
     robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
 ) -> None:
-    """DataError where a measured inertia (kg m^2, of a slide kg) is wrong by as much as the ratio of the gear.
-
-    It counts where it is known, and close to a power of the ratio times the robot's.
-    """
+    """DataError for a known inertia (kg m^2, of a slide kg) close to that of the file times a power of the ratio."""
     if joint.motor is None or abs(joint.motor.ratio) < SIDES.min_ratio:
         return
     ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
@@ -231,10 +217,7 @@ def check_sides(
 def check_torques(
     robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
 ) -> None:
-    """DataError where torques (n,) by joint are as small or large as those of the other side of the gears.
-
-    expected: by the robot's file.  Joints count whose torque follows it, and the middle one of them decides.
-    """
+    """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers = []
     for joint, torque in measured.items():
         known, ratio = expected[joint], abs(robot.ratio(joint))
@@ -269,7 +252,6 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
 
 
 def _rigid_body(robot: Robot) -> tuple[list[str], ca.Function, list[float]]:
-    """Names of the joints, inverse dynamics and the robot's parameters."""
     theta = [value for value, _ in robot.parameters().values()]
     return [joint.name for joint in robot.joints], inverse_dynamics(robot), theta
 

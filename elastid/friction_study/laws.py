@@ -1,7 +1,4 @@
-"""StaticLaw: the identified sliding friction of one place, as numbers of a robot's file.
-
-Parts of the law are added one after the other where levels show them; each other part is listed with the reason.
-"""
+"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where levels show them."""
 
 from __future__ import annotations
 
@@ -18,20 +15,6 @@ from elastid.friction_study.spec import LawSpec, Part
 from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_curve
 from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
-from elastid.robot.friction_numbers import TERMS
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a law with its 95 % interval, and the conditions that it was learnt from."""
-
-    name: str
-    unit: str
-    value: float
-    std: float
-    low: float
-    high: float
-    learnt_from: str
 
 
 @dataclass(frozen=True)
@@ -65,17 +48,11 @@ class StaticLaw:
         return np.asarray(self._sum @ self.fit.covariance @ self._sum.T)
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
-        """All numbers with 95 % intervals."""
-        reach = self.fit.reach
-        stds = np.sqrt(np.diag(self.covariance)).tolist()
-        return tuple(
-            Number(
-                name, TERMS[name].unit_at(self.levels.slides), value, std, value - reach * std, value + reach * std,
-                self._learnt_from(name),
-            )
-            for (name, value), std in zip(self.values.items(), stds, strict=True)
-        )  # fmt: skip
+    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
+        """Of each number by name value, std, and the ends of its 95 % interval."""
+        reach, stds = self.fit.reach, np.sqrt(np.diag(self.covariance)).tolist()
+        numbers = zip(self.values.items(), stds, strict=True)
+        return {name: (x, std, x - reach * std, x + reach * std) for (name, x), std in numbers}
 
     @property
     def measured(self) -> MeasuredRange:
@@ -122,7 +99,8 @@ class StaticLaw:
                 T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
         return T
 
-    def _learnt_from(self, name: str) -> str:
+    def learnt_from(self, name: str) -> str:
+        """The conditions that identify a number."""
         levels, unit = self.levels, motion_unit("velocity", self.levels.slides)
         speeds = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
         if name.startswith("temperature"):
@@ -170,10 +148,7 @@ class _Part:
 
 
 def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...]]:
-    """The law with the parts that the levels identify, and the parts that were left out with their reasons.
-
-    Raises FitError for a part that is asked for (`yes`) and cannot be identified, and where there are too few levels.
-    """
+    """The law with the parts that levels identify, and the others with reasons; FitError where such a one is `yes`."""
     fit = fit_curve(levels, Terms(("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",), (), {}))
     waiting, held = list(_parts(levels, spec)), dict[str, str]()
     # A part may show only after a later one: what was refused by its numbers is tried once more.
@@ -197,7 +172,6 @@ def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...
 
 
 def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None, str]:
-    """The law with one more part, or why not."""
     if part.key == "no":
         return None, NOT_ASKED
     if part.refusal:
@@ -239,7 +213,6 @@ def _widest(fit: CurveFit, names: list[str]) -> str | None:
 
 
 def _parts(levels: Levels, spec: LawSpec) -> tuple[_Part, ...]:
-    """In the order in which they are tried."""
     speeds = _distinct(np.log(levels.speed), 0.05)
     temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
     loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
@@ -294,6 +267,5 @@ def _with(
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """Number of values that lie further apart than a step."""
     ordered = np.sort(values)
     return 0 if not len(ordered) else 1 + int(np.sum(np.diff(ordered) > step))

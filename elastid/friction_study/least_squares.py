@@ -87,10 +87,7 @@ def inverse_normal(J: FloatArray) -> FloatArray:
 
 
 def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
-    """Chance that `added` further terms lower the cost from `narrow` to `wide`, with `dof` left, without being there.
-
-    By an F test, of residuals whose variance is 1 or as much larger as they scatter.
-    """
+    """Chance by an F test that `added` terms that are not there lower the cost from `narrow` to `wide`, dof left."""
     return f_test(narrow - wide, added, max(wide, dof), dof)
 
 
@@ -105,10 +102,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Regression:
-    """Numbers by name with their covariance, and the norm of the residual over that of the torque.
-
-    correlation: of a residual with the next.
-    """
+    """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next."""
 
     names: tuple[str, ...]
     values: FloatArray
@@ -118,11 +112,10 @@ class Regression:
     correlation: float
 
     def __getitem__(self, name: str) -> float:
-        """A number."""
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Its std."""
+        """The std of a number."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 

@@ -1,7 +1,4 @@
-"""Levels of friction from passes there and back: one number for each speed, direction, load and temperature.
-
-Under several loads gravity, inertia and offset are those of each load; friction is one curve.
-"""
+"""Levels of friction from passes: one at each speed, direction, load and temperature; gravity is that of a load."""
 
 from __future__ import annotations
 
@@ -47,7 +44,6 @@ class Levels:
     slides: bool = False
 
     def __post_init__(self) -> None:
-        """Check shapes and signs."""
         columns = [getattr(self, name) for name in COLUMNS]
         if len({column.shape for column in columns}) != 1 or self.speed.ndim != 1:
             raise ValueError(f"levels of {self.place}: shapes {[column.shape for column in columns]} are not all (n,)")
@@ -171,7 +167,6 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
 
 
 def _condition(members: Sequence[Pass]) -> list[float]:
-    """Mean speed, load and temperature."""
     values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
     return [float(np.mean(column)) for column in zip(*values, strict=True)]
 
@@ -196,10 +191,7 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> fl
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
-    """Excess of friction in the positive direction at each speed (n_k,), and the offset with its std.
-
-    A slope of o over speed counts where an F test finds it; without one all of o is an offset.
-    """
+    """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset with its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
     flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
 
@@ -232,10 +224,7 @@ def _levels(
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
-    """The levels of all records of passes of a joint; `shared` is that of the first load.
-
-    Arguments and errors as `find_levels`.
-    """
+    """The levels of all passes of a joint, as `find_levels`; `shared` is that of the first load."""
     loads = dict.fromkeys(record.load for record in records)
     by_load = [
         find_levels(

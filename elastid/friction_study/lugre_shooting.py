@@ -25,8 +25,6 @@ from scipy.sparse.linalg import SuperLU, splu
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import FitError
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.at_rest import AtRest
-from elastid.friction_study.laws import StaticLaw
 from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
 
 # Samples of an interval.
@@ -84,15 +82,15 @@ def fit_lugre(
     known = prior or Prior(np.zeros(len(FRICTION)), np.zeros((len(FRICTION),) * 2))
     begin = {**start, **known.known}
     problem = _Problem.of(log, joint.step(log.rate_hz, substeps, exponent), begin, known)
-    first = np.log([begin[name] for name in FRICTION])
+    first, X = np.log([begin[name] for name in FRICTION]), problem.first_states()
     dof = len(log.angle) - len(FRICTION)
     searches: list[_Search] = []
     for factor in (1.0, 2.0, 0.5):  # of the stiffness of the bristles
         p = first + np.log(factor) * np.eye(len(FRICTION))[0]
-        searches.append(_descend(problem, _Search.at(problem, p), 8))
+        searches.append(_Search(p, X, problem.at(p, X)).descended(problem, 8))
         if searches[-1].system.cost < 1.25 * dof:
             break
-    best = _descend(problem, min(searches, key=lambda search: search.system.cost), 60)
+    best = min(searches, key=lambda search: search.system.cost).descended(problem, 60)
     cost = best.system.cost
     if not cost < 2.0 * dof:
         raise FitError(
@@ -115,11 +113,12 @@ class _Search:
     iterations: int = 0
     has_ended: bool = False
 
-    @classmethod
-    def at(cls, problem: _Problem, p: FloatArray) -> _Search:
-        """The start of a search at ln p."""
-        X = problem.first_states()
-        return cls(p, X, problem.at(p, X))
+    def descended(self, problem: _Problem, iterations: int) -> _Search:
+        """The search when it has ended, or has made so many iterations."""
+        search = self
+        while not search.has_ended and search.iterations < iterations:
+            search = search.next(problem)
+        return search
 
     def next(self, problem: _Problem) -> _Search:
         """After one step, as long as the problem allows; damped less only where the first length was right."""
@@ -135,13 +134,6 @@ class _Search:
             return replace(self, has_ended=True)
         damping = max(damping / 10, 1e-9) if damping == self.damping else damping
         return _Search(p, X, system, damping, self.iterations + 1, cost - system.cost < MIN_PROGRESS * cost)
-
-
-def _descend(problem: _Problem, search: _Search, iterations: int) -> _Search:
-    """The search when it has ended, or has made so many iterations."""
-    while not search.has_ended and search.iterations < iterations:
-        search = search.next(problem)
-    return search
 
 
 @dataclass(frozen=True)
@@ -224,11 +216,11 @@ class _Problem:
     def at(self, p: FloatArray, X: FloatArray) -> _System:
         """The normal equations at ln p (6,) and states X (K, 5)."""
         K, n_x, n_p = len(X), len(STATES), len(FRICTION)
-        P = np.tile(p[:, None], K)
-        out, slopes = self.simulate(X.T, P, self.torque.T)
+        given = X.T, np.tile(p[:, None], K), self.torque.T
+        out, slopes = self.simulate(*given)
         Y = out.full().T
         J = slopes.full().reshape(INTERVAL + n_x, K, n_x + n_p).transpose(1, 0, 2)
-        gains = self.noise_gain(X.T, P, self.torque.T).full().reshape(n_x, K, INTERVAL).transpose(1, 0, 2)
+        gains = self.noise_gain(*given).full().reshape(n_x, K, INTERVAL).transpose(1, 0, 2)
         # Rounding and integration error of a gap, of the std of the angle and of the bend of the bristles.
         floor = np.diag(np.append(0.05 * self.scale[:4], 1e-3 * self.scale[4]) ** 2)
         W = self.log.torque_std**2 * gains @ gains.transpose(0, 2, 1) + floor
@@ -277,16 +269,6 @@ class Prior:
         relative = covariance[np.ix_(used, used)] / np.outer(value[used], value[used])
         information[np.ix_(rows, rows)] = np.linalg.inv(relative)
         return cls(mean, information)
-
-    @classmethod
-    def of_law(cls, law: StaticLaw) -> Prior:
-        """The static numbers that a curve without load and temperature has."""
-        return cls.of(law.values, law.covariance)
-
-    @classmethod
-    def of_rest(cls, rest: AtRest) -> Prior:
-        """sigma_0 and sigma_1."""
-        return cls.of({"sigma_0": rest.sigma_0, "sigma_1": rest.sigma_1}, rest.covariance)
 
     def with_other(self, other: Prior) -> Prior:
         """The knowledge of both, of different numbers."""

@@ -24,7 +24,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import f_test
 from elastid.friction_study.laws import MIN_SPEEDS, Held
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
-from elastid.friction_study.plateaus import Plateau, distinct_speeds, find_plateaus
+from elastid.friction_study.passes import Plateau, distinct_speeds, find_plateaus
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
@@ -48,7 +48,6 @@ class Motion:
     turns_against_gravity: bool = False
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         if self.position.shape != self.torque.shape or self.position.ndim != 1:
             raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
 
@@ -160,11 +159,7 @@ class MotionFriction:
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
-    """Inertia and friction of one axis from its logs, one or several, in the band up to passband_hz.
-
-    Raises DataError for a log that is too short, stands still, moves in one direction only, or in which friction
-    drives.
-    """
+    """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for motion, each in zip(motions, signals, strict=True):
         for direction, word in ((1, "forwards"), (-1, "backwards")):

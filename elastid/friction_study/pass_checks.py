@@ -53,11 +53,15 @@ PASSES = PassThresholds()
 
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time below the drive's limit, and notes on the others, whose pair goes with them.
-
-    DataError where none is left.
-    """
-    faults = {each.pair: ("stick-slip", _sticking(each)) for each in passes if each.turns_back}
+    """The passes that slide below the drive's limit, and notes on the others, whole pairs; DataError where none is."""
+    sticking = {
+        each.pair: f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
+        f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
+        "bandwidth of the controller, or measure faster"
+        for each in passes
+        if each.turns_back
+    }
+    faults = {pair: ("stick-slip", text) for pair, text in sticking.items()}
     faults |= {pair: ("clipped-pass", text) for pair, text in _clipped(passes).items()}
     notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
     used = [each for each in passes if each.pair not in faults]
@@ -69,14 +73,6 @@ def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
             f"controller{reason}"
         )
     return used, notes
-
-
-def _sticking(each: Pass) -> str:
-    return (
-        f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
-        f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
-        "bandwidth of the controller, or measure faster"
-    )
 
 
 def _clipped(passes: Sequence[Pass]) -> dict[str, str]:
@@ -157,7 +153,6 @@ def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], le
 
 
 def _left(A: FloatArray, y: FloatArray) -> float:
-    """Sum of squares of the residual of a regression on columns."""
     left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
     return float(left @ left)
 
@@ -190,13 +185,14 @@ def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
     for each in passes:
         of_pair.setdefault(each.pair, {}).setdefault(each.direction, each)
     pairs = [(ways[1.0], ways[-1.0]) for ways in of_pair.values() if len(ways) == 2]
-    widest = max((_cover(pair) for pair in pairs), default=0.0)
-    wide = [pair for pair in pairs if _cover(pair) > PASSES.min_cover * widest]
-    if len(wide) < PASSES.min_pairs:
+    # Lowest and highest position that both directions have.
+    lows = np.array([max(float(each.position.min()) for each in pair) for pair in pairs])
+    highs = np.array([min(float(each.position.max()) for each in pair) for pair in pairs])
+    is_wide = highs - lows > PASSES.min_cover * (highs - lows).max(initial=0.0)
+    if is_wide.sum() < PASSES.min_pairs:
         return None
-    lowest, highest = zip(*map(_range, wide), strict=True)
-    low, high = max(lowest), min(highest)
-    shapes = np.array([_shape(pair, inertia, low, high) for pair in wide])
+    low, high = float(lows[is_wide].max()), float(highs[is_wide].min())
+    shapes = np.array([_shape(pairs[i], inertia, low, high) for i in np.flatnonzero(is_wide)])
     mean = shapes.mean(axis=0)
     std = shapes.std(axis=0, ddof=1) / np.sqrt(len(shapes))
     limit = stdtrit(len(shapes) - 1, 1 - FALSE_ALARM / 2 / DEGREES)
@@ -211,16 +207,6 @@ def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
         "fewer of them deviate from the curve; give all passes one window, or take the law to hold there only"
     )
     return Note("friction-by-angle", text, passes[0].place)
-
-
-def _range(pair: tuple[Pass, Pass]) -> tuple[float, float]:
-    """Lowest and highest position that both directions have."""
-    return max(float(each.position.min()) for each in pair), min(float(each.position.max()) for each in pair)
-
-
-def _cover(pair: tuple[Pass, Pass]) -> float:
-    low, high = _range(pair)
-    return high - low
 
 
 def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> FloatArray:
@@ -265,10 +251,7 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
 
 
 def _amplitudes(record: FrictionRecord) -> FloatArray:
-    """Travel of each half loop: by its period where it has one, else from one change of the torque's sign to the next.
-
-    Noise changes the sign of a small torque too, which a period is free of.
-    """
+    """Travel of each half loop, by its period or else by the torque's sign, which noise changes where it is small."""
     if record.period_samples is not None:
         ends = np.arange(0, len(record.position), record.period_samples / 2)[1:].astype(int)
     else:

@@ -79,10 +79,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class Presliding:
-    """The spectrum over many thresholds, few elements, and the cross-validated errors (MAX_ELEMENTS,) of 1, 2, ...
-
-    position (n,): of the loops, smoothed.
-    """
+    """Spectrum, few elements, cross-validated errors (MAX_ELEMENTS,) of 1, 2, ... elements; position (n,) smoothed."""
 
     spectrum: Elements
     few: Elements
@@ -92,10 +89,7 @@ class Presliding:
 
 
 def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
-    """Elements from loops that grow; elements: how many, by default as few as predict best within one std.
-
-    Raises DataError for loops of a few encoder counts, and for a log without them.
-    """
+    """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts."""
     reach = np.ptp(loops.position[loops.settled :]) / 2
     if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
         raise DataError(
@@ -145,7 +139,6 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
 
 
 def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
-    """`count` elements with thresholds of their own."""
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
     shares = (np.arange(count) + 0.5) / count * torque[-1]
     start = np.log(np.interp(shares, torque, spectrum.threshold))
@@ -167,7 +160,6 @@ def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArra
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:
-    """The smallest number of elements whose error is within one std of the best one's."""
     errors = np.array(missed)
     best = int(np.argmin(errors.mean(axis=1)))
     difference = errors - errors[best]

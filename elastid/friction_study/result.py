@@ -1,8 +1,6 @@
-"""FrictionResult: the results of a friction study, joint by joint.
+"""FrictionResult: the results of a friction study joint by joint, and the table of all identified numbers.
 
-The table of a joint: every number that was identified, with its name, interval and the data that identify it.
-
-The friction of a simulated robot, at the conditions at which the identified numbers stand.
+The friction of a simulated robot stands beside them, at the conditions at which the identified numbers hold.
 """
 
 from __future__ import annotations
@@ -149,14 +147,12 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    rows = {number.name: number for number in law.numbers}
-    reach = (law.numbers[0].high - law.numbers[0].value) / law.numbers[0].std
+    rows, slides = law.intervals, law.levels.slides
     for name, row in rows.items():
-        yield _number(joint, TERMS[name], row.unit, (row.value, row.std, row.low, row.high), row.learnt_from, truth)
-    values = np.array(list(law.values.values()))
-    yield from _directed(
-        joint, law.names, values, law.covariance, law.levels.slides, reach, rows["coulomb"].learnt_from
-    )
+        yield _number(joint, TERMS[name], TERMS[name].unit_at(slides), row, law.learnt_from(name), truth)
+    values, (value, std, _, high) = np.array(list(law.values.values())), rows["coulomb"]
+    reach, learnt = (high - value) / std, law.learnt_from("coulomb")
+    yield from _directed(joint, law.names, values, law.covariance, slides, reach, learnt)
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
@@ -171,11 +167,10 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    learnt, std = f"responses at rest, {len(rest.points)} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
-    for key, value, error in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), std, strict=True):
+    learnt, stds = f"responses at rest, {len(rest.points)} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
+    for key, value, std in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), stds, strict=True):
         term = TERMS[f"lugre.{key}"]
-        row = (value, error, *_ends(value, error))
-        yield _number(joint, term, term.unit_at(slides), row, learnt, truth)
+        yield _number(joint, term, term.unit_at(slides), (value, std, *_ends(value, std)), learnt, truth)
 
 
 def numbers_of_bristles(joint: str, fit: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
@@ -204,15 +199,13 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
         yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
 
 
-def _ends(value: float, std: float) -> tuple[float, float]:
-    """Of a 95 % interval of a normal distribution."""
-    return value - QUANTILE_95 * std, value + QUANTILE_95 * std
+def _ends(value: float, std: float, reach: float = QUANTILE_95) -> tuple[float, float]:
+    return value - reach * std, value + reach * std
 
 
 def _number(
     joint: str, term: FrictionTerm, unit: str, row: tuple[float, float, float, float], learnt: str, truth: Truth
 ) -> FrictionNumber:
-    """A row (value, std, low, high) of the table."""
     name = term.name(joint)
     return FrictionNumber(name, term.symbol, term.meaning, unit, *row, learnt, truth.get(name))
 
@@ -236,7 +229,7 @@ def _directed(
             value, std = float(a @ values[pair]), float(np.sqrt(a @ covariance[np.ix_(pair, pair)] @ a))
             yield FrictionNumber(
                 f"{term.name(joint)}{mark}", f"{term.symbol}{mark}", f"{term.meaning} {word}", term.unit_at(slides),
-                value, std, value - reach * std, value + reach * std, learnt,
+                value, std, *_ends(value, std, reach), learnt,
             )  # fmt: skip
 
 

@@ -49,10 +49,7 @@ class RobotMotion:
 
 
 def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: float = ROBOT_PASSBAND_HZ) -> RobotMotion:
-    """Friction of all joints that move in the logs, each of which has the same ones.
-
-    Raises DataError for logs that are too short, of a robot with loops, or in which friction drives.
-    """
+    """Friction of the joints that all logs move; DataError for short logs, robots with loops, friction that drives."""
     if robot.loops:
         raise DataError(
             f"robot {robot.name} has loops, and the rigid body of joints that move together is known of open chains "

@@ -58,7 +58,6 @@ class LawSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """At least one element."""
         if self.elements is not None and self.elements < 1:
             raise ValueError(f"elements is {self.elements}; a Maxwell slip law has at least 1")
 
@@ -92,7 +91,6 @@ class PassesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse ranges upside down, and fewer passes than numbers."""
         if self.speeds is not None:
             _check_rising("speeds", self.speeds, "[lowest, highest], both above 0")
         if self.window is not None:
@@ -120,7 +118,6 @@ class LoadSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a payload that lifts."""
         if self.payload < 0:
             raise ValueError(f"payload is {self.payload:g} kg; it must not be negative")
 
@@ -141,7 +138,6 @@ class PreslidingSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse loops that do not grow."""
         _check_rising("torque", self.torque, "[smallest, largest], above 0")
         if self.loops < 3 or not self.frequency_hz > 0:
             raise ValueError(
@@ -163,7 +159,6 @@ class AtRestSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse torques that break away, and an empty band."""
         if not self.torque or not all(0 < part < 1 for part in self.torque):
             raise ValueError("torque has parts of the Coulomb torque: above 0 and below 1, at least one of them")
         _check_rising("band_hz", self.band_hz, "[lowest, highest], above 0")
@@ -183,7 +178,6 @@ class WarmUpSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a warm-up without motion or tests."""
         if not self.speed > 0:
             raise ValueError(f"speed is {self.speed:g}; it must be positive")
         if not 0 < self.test_every < self.time:
@@ -222,7 +216,6 @@ class FrictionSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse names given twice."""
         _refuse_repeated("joints", self.joints)
         if not all(load.name for load in self.loads):
             raise ValueError("loads: a load has an empty name; give it one, which logs name too")
@@ -249,11 +242,9 @@ class FilterSpec:
         "f+ and f- (of each direction), offset (slow error of the torque, as of gravity).", "f+ and f- for axes whose "
         "slopes differ, without offset where gravity is known well; each more widens all where motion is "
         "poor.")] = ("Fc", "f", "offset")
-    drift: Annotated[Ratio, Key("Relative change of a number that is expected within drift_time.", "larger follows "
-        "faster and scatters more; the report's check of the innovations says which of both it is. 20 % in 20 minutes "
+    drift: Annotated[Ratio, Key("Relative change of a number that is expected within 20 minutes, as a random walk.",
+        "larger follows faster and scatters more; the report's check of the innovations says which of both it is. 20 % "
         "is a robot that warms up.")] = 0.2
-    drift_time: Annotated[Time, Key("Time in which the expected change of a number happens.", "the time constant of "
-        "warming; the filter sees drift over the root of it alone, so that tuning one of the two is enough.")] = 1200.0
     correlation_time: Annotated[Time, Key("Correlation time of the torque noise that is not white, 0 for none; ripple "
         "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
         "correlated; 0 would trust such logs too much: intervals come out too narrow.")] = 0.0
@@ -266,17 +257,15 @@ class FilterSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse nothing to follow, a number followed twice, and times that run backwards."""
         if not self.states:
             raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
         _refuse_repeated("states", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
-        if not (self.drift > 0 and self.drift_time > 0) or min(self.correlation_time, self.settle) < 0:
+        if not self.drift > 0 or min(self.correlation_time, self.settle) < 0:
             raise ValueError(
-                f"drift is {self.drift:g}, drift_time {self.drift_time:g} s, correlation_time "
-                f"{self.correlation_time:g} s and settle {self.settle:g} s; the first two must be positive, the others "
-                "not negative"
+                f"drift is {self.drift:g}, correlation_time {self.correlation_time:g} s and settle {self.settle:g} s; "
+                "the first must be positive, the others not negative"
             )
         if self.torque_std is not None and not self.torque_std > 0:
             raise ValueError(f"torque_std is {self.torque_std:g}; it must be positive (default: from the innovations)")
@@ -284,4 +273,4 @@ class FilterSpec:
     @property
     def drift_rates(self) -> dict[str, float]:
         """Of each followed logarithm, in a root second; of the offset in parts of F_c."""
-        return dict.fromkeys(self.states, self.drift / self.drift_time**0.5)
+        return dict.fromkeys(self.states, self.drift / 1200.0**0.5)

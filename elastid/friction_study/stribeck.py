@@ -72,10 +72,7 @@ class CurveFit:
 
 
 def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
-    """The law with these terms that is nearest to the levels, in units of their std, from many starts.
-
-    Raises FitError where there are fewer levels than numbers, or no search converges.
-    """
+    """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
     n_numbers = len(terms.linear) + len(terms.searched)
     if levels.n_levels <= n_numbers:
         raise FitError(

@@ -26,8 +26,7 @@ from elastid.base.errors import DataError, FitError
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.friction_study.passes import Pass, passes_of
-from elastid.friction_study.plateaus import alike_speeds
+from elastid.friction_study.passes import Pass, alike_speeds, passes_of
 from elastid.record import FrictionRecord, WarmUpLog
 
 # Level(speed (m,), temperature (m,)) of a law, Nm.
@@ -57,7 +56,6 @@ class WarmUp:
     load: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and that time runs."""
         n, m = len(self.power), len(self.level)
         if len(self.time_s) != n + 1 or len(self.readings) != n + 1:
             raise ValueError(f"warm-up: {n} powers need {n + 1} times and readings")
@@ -234,10 +232,7 @@ def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
-    """The log with the level of each test pass, half the difference of the means of its directions.
-
-    Means are over the angles that both directions cover, so that gravity is the same in both.
-    """
+    """The log with the level of each test pass: half the difference of both ways over angles that both cover."""
     pairs = [_common(sorted(passes_of(record), key=lambda each: -each.direction)) for record in tests]
     speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
     levels = [(forth.torque.mean() - back.torque.mean()) / 2 for forth, back in pairs]
@@ -251,7 +246,6 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
 
 
 def _common(pair: Sequence[Pass]) -> list[Pass]:
-    """There and back over the positions that both cover."""
     low = max(float(each.position.min()) for each in pair)
     high = min(float(each.position.max()) for each in pair)
     if high <= low:

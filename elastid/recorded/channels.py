@@ -20,7 +20,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.structure import Places
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
-from elastid.recorded.period import found_period, period_samples, rounded_samples
+from elastid.recorded.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, delay
 from elastid.recorded.repair.missing import bridged_gaps, filled

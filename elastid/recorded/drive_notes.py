@@ -11,16 +11,15 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.recorded.repair import blocks
 from elastid.recorded.repair.clock import CLOCK, delay
-from elastid.recorded.repair.repeats import blocks
 
 
 @dataclass(frozen=True)
 class DriveLimits:
     """Limits of the notes on torques; their false-alarm rates are not measured."""
 
-    # A lag of u behind r, in samples, from which on it is reported.
-    min_reported_lag: float = 0.75
+    min_reported_lag: float = 0.75  # a lag of u behind r, in samples, from which on it is reported
     # The lines with this part of the power of r decide after which part of a period r repeats.
     main_power_share: float = 0.995
     # The other sign fits better where its correlation is so much higher, or as high with a shorter lag.
@@ -35,38 +34,33 @@ LIMITS = DriveLimits()
 def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
     """Notes on each r of signals (n, c) and the u at its motor.  N: samples of the period, None without one."""
     u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
-    notes = []
-    for i, channel in enumerate(channels):
-        if channel.role == "r":
-            notes += _compared(channel.at, signals[:, i], signals[:, u[channel.at]], N, where)
-    return notes
+    drivers = [(c.at, signals[:, i], signals[:, u[c.at]]) for i, c in enumerate(channels) if c.role == "r"]
+    return [Note(*code_and_text, where) for each in drivers if (code_and_text := _compared(*each, N))]
 
 
-def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None, where: str) -> list[Note]:
+def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None) -> tuple[str, str] | None:
+    """Code and text of a note on u at the place of r."""
     if np.ptp(r) > 0 and np.array_equal(r, u):
-        text = (
+        return "same-signal", (
             f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
             "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
             "nothing feeds back"
         )
-        return [Note("same-signal", text, where)]
     lag, correlation = _lag(r, u, N)
     turned, negative = _lag(r, -u, N)
     is_better = negative > correlation + LIMITS.min_correlation_gain
     is_as_good = negative > correlation - LIMITS.min_correlation_gain and abs(turned) < abs(lag)
     if negative >= CLOCK.min_correlation and (is_better or is_as_good):
-        text = (
+        return "mirrored-torque", (
             f"u at {place} moves against r (correlation {-negative:.2f} after {turned:.1f} samples): the motor is "
             "mirrored or one of the two channels has the other sign; give that channel sign: -1"
         )
-        return [Note("mirrored-torque", text, where)]
     if correlation >= CLOCK.min_correlation and abs(lag) >= LIMITS.min_reported_lag:
-        text = (
+        return "late-torque", (
             f"u at {place} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
             "estimated with the reference only if it changes from experiment to experiment"
         )
-        return [Note("late-torque", text, where)]
-    return []
+    return None
 
 
 def _lag(r: FloatArray, u: FloatArray, N: int | None) -> tuple[float, float]:
@@ -74,24 +68,17 @@ def _lag(r: FloatArray, u: FloatArray, N: int | None) -> tuple[float, float]:
     lag, correlation = delay(r, u, N)
     if N is None:
         return lag, correlation
-    after = N / _common_divisor(blocks(r, N).mean(axis=0))
-    return lag - after * round(lag / after), correlation
-
-
-def _common_divisor(period: FloatArray) -> int:
-    """The common divisor of the lines with nearly all power of a period (N,): it repeats so often within itself."""
-    power = np.abs(np.fft.rfft(period)) ** 2
+    power = np.abs(np.fft.rfft(blocks(r, N).mean(axis=0))) ** 2
     power[0] = 0.0
     order = np.argsort(power)[::-1]
     n_main = int(np.searchsorted(np.cumsum(power[order]), LIMITS.main_power_share * power.sum())) + 1
-    return max(1, int(np.gcd.reduce(order[:n_main])))
+    # A period repeats within itself as often as the common divisor of the lines with nearly all power.
+    after = N / max(1, int(np.gcd.reduce(order[:n_main])))
+    return lag - after * round(lag / after), correlation
 
 
 def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, where: str) -> list[Note]:
-    """A note on each pair of torques, or of motions of motors, in signals (n, c) that are one up to a factor.
-
-    Signals that do not move are left to other checks.
-    """
+    """A note on each pair of torques, or of motors' motions, of signals (n, c) that move as one up to a factor."""
     moving = signals - signals.mean(axis=0)
     size = np.linalg.norm(moving, axis=0)
     known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and size[i] > 0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,21 +24,13 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.link_side import hold_of, to_joints
+from elastid.recorded.link_side import to_joints
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.repair.spikes import despiked_without_period
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
-
-
-def load_torques(robot: Robot, posture: Configuration, payload: float) -> Mapping[str, float]:
-    """|torque| (Nm, N) that holds each driven joint at rest in the posture; payload: kg at the last frame."""
-    loaded = with_point_mass(robot, payload)
-    model = formulate(loaded)
-    held = equilibrium(model, np.asarray(model.theta), posture).u
-    return {joint.name: abs(float(torque)) for joint, torque in zip(loaded.driven, held, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -47,14 +40,15 @@ class JointLimits:
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
-    # Turns that no joint of a robot makes, but its motor does.
-    max_turns: float = 4.0
+    max_turns: float = 4.0  # turns that no joint of a robot makes, but its motor does
     # degC that no joint has, and such as only a very hot one has.
     impossible_degc: float = 150.0
     hot_degc: float = 95.0
 
 
 LIMITS = JointLimits()
+# Signals (n,) by role, place and quantity; torques and currents have an empty one.
+Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
 
 def read_friction_logs(
@@ -70,7 +64,9 @@ def read_friction_logs(
     postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
     records: list[FrictionRecord] = []
     start_s = 0.0
-    for name, file in zip(_names(recorded.files), recorded.files, strict=True):
+    stems = [Path(file.path).stem for file in recorded.files]
+    for i, (stem, file) in enumerate(zip(stems, recorded.files, strict=True), start=1):
+        name = f"{stem}-{i}" if stems.count(stem) > 1 else stem
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload = payloads.get(file.load, 0.0)
         of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
@@ -102,7 +98,6 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
-        """A record for each joint that moves."""
         channels = self._channels()
         recorded = replace(self.recorded, channels=channels)
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
@@ -120,10 +115,13 @@ class _LogReader:
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings, *clean.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
-        return self._of_joints(_by_place(gathered.channels, values), gathered.rate_hz, tuple(notes))
+        by_place: Signals = {
+            (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
+            for i, c in enumerate(gathered.channels)
+        }
+        return self._of_joints(by_place, gathered.rate_hz, tuple(notes))
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
-        """Those of the joint that the file is of, or all."""
         names = [joint.name for joint in self.robot.driven]
         if not self.file.joint:
             return self.recorded.channels
@@ -131,9 +129,7 @@ class _LogReader:
             raise StudyError(f"file {self.file.path}: {did_you_mean(self.file.joint, names)}")
         return tuple(c for c in self.recorded.channels if _joint_of(c) == self.file.joint)
 
-    def _of_joints(
-        self, signals: Mapping[tuple[str, str, str], FloatArray], rate_hz: float, notes: tuple[Note, ...]
-    ) -> tuple[FrictionRecord, ...]:
+    def _of_joints(self, signals: Signals, rate_hz: float, notes: tuple[Note, ...]) -> tuple[FrictionRecord, ...]:
         """The notes are those of the first record."""
         positions = {
             joint.name: position
@@ -149,8 +145,8 @@ class _LogReader:
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
-        carried = load_torques(self.robot, posture, self.payload) if self.file.load else {}
-        holds = {_joint_of(c): hold_of(self.recorded, c) for c in self.recorded.channels if c.role == "u"}
+        carried = self._load_torques(posture) if self.file.load else {}
+        holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(
                 name=self.name,
@@ -179,13 +175,14 @@ class _LogReader:
             for joint in moving
         )
 
-    def _moves(
-        self, joint: Joint, positions: Mapping[str, FloatArray], signals: Mapping[tuple[str, str, str], FloatArray]
-    ) -> bool:
-        """True if a joint with torque and position moves by more than its controller's errors.
+    def _load_torques(self, posture: Configuration) -> Mapping[str, float]:
+        """|torque| (Nm, N) that holds each driven joint at rest, the payload at the last frame."""
+        model = formulate(with_point_mass(self.robot, self.payload))
+        held = equilibrium(model, np.asarray(model.theta), posture).u
+        return {joint.name: abs(float(torque)) for joint, torque in zip(self.robot.driven, held, strict=True)}
 
-        DataError for a position that can only be that of the motor.
-        """
+    def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
+        """True if it moves by more than its controller's errors; DataError for a position that only motors can have."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
         travel = float(np.ptp(positions[joint.name]))
@@ -199,8 +196,7 @@ class _LogReader:
             LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
         )
 
-    def _temperature(self, signals: Mapping[tuple[str, str, str], FloatArray], joint: str, n: int) -> FloatArray | None:
-        """degC of a joint, by its channel or else by its file."""
+    def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
         if degrees is None:
             return None if self.file.temperature is None else np.full(n, float(self.file.temperature))
@@ -216,35 +212,19 @@ class _LogReader:
         return degrees
 
 
-def _names(files: Sequence[FileSpec]) -> list[str]:
-    """The name of each file's records, with its number where several have the same one."""
-    stems = [Path(file.path).stem for file in files]
-    return [f"{stem}-{i}" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
-
-
 def _joint_of(channel: ChannelSpec) -> str:
     """The joint that a channel is of; empty where its place is a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
 
 
-def _by_place(channels: Sequence[ChannelSpec], signals: FloatArray) -> dict[tuple[str, str, str], FloatArray]:
-    """Signals (n,) by role, place and quantity; torques and currents have an empty one."""
-    return {
-        (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(signals[:, i])
-        for i, c in enumerate(channels)
-    }
-
-
-def _link_position(signals: Mapping[tuple[str, str, str], FloatArray], joint: str) -> FloatArray | None:
+def _link_position(signals: Signals, joint: str) -> FloatArray | None:
     """Of a joint that has an encoder in addition to that of its motor."""
     both = all(("y", f"{kind} {joint}", "position") in signals for kind in ("motor", "joint"))
     return signals["y", f"joint {joint}", "position"] if both else None
 
 
-def _signal(
-    signals: Mapping[tuple[str, str, str], FloatArray], role: str, joint: str, quantity: str = ""
-) -> FloatArray | None:
+def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:
     """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
     return next(
         (signals[key] for kind in ("motor", "joint") if (key := (role, f"{kind} {joint}", quantity)) in signals), None

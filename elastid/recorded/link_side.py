@@ -21,7 +21,6 @@ from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.structure import Places
-from elastid.record import Hold
 
 UNWRAPPED = "unwrapped-angle"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
@@ -49,10 +48,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
-    """T (n_c, n_c) from channels by their own ratio to channels on the link side: the identity without couplings.
-
-    StudyError where a channel with side: motor needs another that is missing.
-    """
+    """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
     torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
     T = np.eye(len(channels))
     motors = list(robot.motor_locations)
@@ -137,13 +133,8 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     torques = [channel for channel in channels if channel.role == "u"]
     rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
     own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    is_held = [hold_of(recorded, channel) == "zero-order" for channel in torques]
+    is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
     return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, own, strict=True))
-
-
-def hold_of(recorded: RecordedSpec, channel: ChannelSpec) -> Hold:
-    """The hold of a torque: its own, or else that of the section."""
-    return channel.hold or recorded.hold
 
 
 def check_holds(recorded: RecordedSpec, robot: Places) -> None:
@@ -153,7 +144,7 @@ def check_holds(recorded: RecordedSpec, robot: Places) -> None:
     for row in to_joints(torques, robot):
         mixed = [torques[i] for i in np.flatnonzero(row)]
         if len({held[torques.index(channel)] for channel in mixed}) > 1:
-            names = ", ".join(f"{channel.name_in_file} ({hold_of(recorded, channel)})" for channel in mixed)
+            names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
             raise StudyError(
                 f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
                 "the torque of a joint has neither: log commands or measured torques for all of them, with one hold"

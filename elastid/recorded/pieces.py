@@ -31,10 +31,7 @@ def may_be_large(path: Path) -> bool:
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
-    """First and last sample of each piece of whole periods of N samples; none where the log fits into memory.
-
-    N: None without a period, where the last piece ends with the log.
-    """
+    """First and last sample of pieces of whole periods N (None: of any length); none where the log fits into memory."""
     if n * n_channels < arrays.MIN_LARGE_VALUES:
         return ()
     if N is None:

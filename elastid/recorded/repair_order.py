@@ -12,13 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.period import grid_samples
-from elastid.recorded.periodicity import LIMITS, repetition
-from elastid.recorded.repair import Finding, Log, Repaired
+from elastid.recorded.periodicity import LIMITS, grid_samples, repetition
+from elastid.recorded.repair import Finding, Log, Repaired, find_drift
 from elastid.recorded.repair.clock import at_times, resampled
 from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.missing import bridged_gaps, filled, realigned
-from elastid.recorded.repair.repeats import find_drift
 from elastid.recorded.repair.spikes import despiked
 from elastid.recorded.repair.stops import without_stops
 
@@ -84,7 +82,6 @@ def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int) -> Rep
 
 
 def _at_the_clock(signals: FloatArray, drivers: IntArray, N: int, log: Log) -> Repaired:
-    """Resampled to the generator's clock; missing samples stay missing."""
     both = _and_missing(signals)
     result = resampled(both, both[:, drivers], N, log)
     return replace(result, signals=_with_missing(result.signals)) if result.findings else Repaired(signals)

@@ -20,7 +20,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
 from elastid.recorded.link_side import check_holds, hold_samples, link_side_factor, to_joints
-from elastid.recorded.period import advised_period, check_repeat, grid_samples
+from elastid.recorded.periodicity import advised_period, check_repeat, grid_samples
 from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED

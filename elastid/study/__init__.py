@@ -6,10 +6,9 @@ The only room that knows YAML and pydantic.
 - sections:     Study and FleetSpec, which gather the sections that live in the rooms that use them
 - reference:    every key with its places, its type in words and its text; schema for editors, `elastid explain`
 - messages:     plain data -> a section, or one readable sentence for each error
-- quantities:   numbers of parameters into SI
-- checks:       contradictions between sections, one file a section
+- checks:       contradictions between sections
 - robots:       a robot's file in any of its forms -> Robot, and back
-- loading:      file -> Study, overrides of the command line included
+- loading:      file -> Study in SI, overrides of the command line included
 - fleet:        a fleet's file -> its members
 """
 

@@ -73,7 +73,6 @@ def load_fleet(path: Path) -> Fleet:
 
 
 def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
-    """All members, not in order."""
     for own in spec.members:
         yield _member(own, "", spec.set)
     if spec.table is not None:
@@ -88,18 +87,15 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 
 def _member(own: MemberSpec, folder: str, shared: Mapping[str, Any]) -> Member:
     names = {"robot": own.robot, "date": own.date, "folder": folder}
-    overrides = [f"{key}={_filled(value, names)}" for key, value in {**shared, **own.set}.items()]
+    overrides = []
+    for key, value in {**shared, **own.set}.items():
+        text = value if isinstance(value, str) else repr(value)
+        filled = re.sub(r"\{(robot|date|folder)\}", lambda match: names[match[1]], text)  # other braces stay
+        overrides.append(f"{key}={filled}")
     return Member(own.robot, own.date, tuple(overrides))
 
 
-def _filled(value: Any, names: Mapping[str, str]) -> str:
-    """A value of an override as text, with the member's names; other braces stay."""
-    text = value if isinstance(value, str) else repr(value)
-    return re.sub(r"\{(robot|date|folder)\}", lambda match: names[match[1]], text)
-
-
 def _rows(path: Path) -> Iterator[MemberSpec]:
-    """The rows of a table; StudyError with its line for one that is no member."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.DictReader(file)

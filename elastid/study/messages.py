@@ -58,7 +58,6 @@ def _adapter(root: type) -> TypeAdapter[Any]:
 
 
 def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
-    """The problems behind pydantic's `errors()`."""
     problems: list[Problem] = []
     unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
     for error in errors:
@@ -185,9 +184,6 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    keys = one_line(_dotted(problem.path[place.hidden :]))
+    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.hidden :])
+    keys = one_line("".join(steps).lstrip("."))
     return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")
-
-
-def _dotted(path: KeyPath) -> str:
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")

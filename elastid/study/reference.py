@@ -1,7 +1,4 @@
-"""Keys of a study: where each may stand, its type in words, its text and default, for editors, terminal and pages.
-
-The text of a key stands in the annotation of its field (`elastid.base.section.Key`).
-"""
+"""Keys of a study: places, type in words, default and text (`Key` beside its field), for editors, terminal, pages."""
 
 from __future__ import annotations
 
@@ -67,7 +64,6 @@ def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
 
 @cache
 def _hints(section: type) -> dict[str, Any]:
-    """The annotations of a section's fields."""
     return get_type_hints(section, include_extras=True)
 
 
@@ -250,11 +246,8 @@ def _explanation(key: StudyKey) -> str:
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
     paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
-    return "\n".join([key.path, *map(_indented, paragraphs)])
-
-
-def _indented(paragraph: str) -> str:
-    return fill(paragraph, 100, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    layout: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
+    return "\n".join([key.path, *(fill(paragraph, 100, **layout) for paragraph in paragraphs)])
 
 
 def _default(value: Any) -> str:
@@ -277,7 +270,6 @@ def _default(value: Any) -> str:
 
 
 def _all_keys() -> Iterator[StudyKey]:
-    """Those of a study and of its robot, and those of a fleet's file below `fleet`."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
     yield from keys_below(FleetSpec, "fleet.")
@@ -312,7 +304,6 @@ def _steps(path: str) -> list[str]:
 
 
 def _begins(path: list[str], steps: list[str]) -> bool:
-    """A longer path that begins with these steps."""
     return len(path) > len(steps) and _agree(path[: len(steps)], steps)
 
 

@@ -1,7 +1,4 @@
-"""A robot's file in any of its forms -> Robot: bodies and joints, Denavit-Hartenberg parameters, or a URDF; and back.
-
-The keys `bodies`, `links` or `urdf` decide which.
-"""
+"""A robot's file of bodies, Denavit-Hartenberg `links`, or a `urdf` (its keys decide which) -> Robot; and back."""
 
 from __future__ import annotations
 
@@ -50,10 +47,7 @@ def read_robot(path: Path) -> YamlSource:
 
 
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:
-    """The same with a Robot under `robot` where that is given by links or a URDF; folder: paths start there.
-
-    StudyError with a line for each error.
-    """
+    """A Robot made of `links` or a `urdf` under `robot`, paths from folder on; StudyError, a line for each error."""
     data = source.data.get("robot")
     if not isinstance(data, dict) or "bodies" in data:
         return source
@@ -98,7 +92,8 @@ def _plain(value: Any) -> Any:
             own, default = getattr(value, field.name), field.default
             if field.default_factory is not MISSING:
                 default = field.default_factory()
-            if own is not None and (default is MISSING or own != default) and not _is_unlimited(own):
+            is_unlimited = isinstance(own, float) and math.isinf(own)  # which a file says by leaving it out
+            if own is not None and (default is MISSING or own != default) and not is_unlimited:
                 entries[field.name] = _plain(own)
         return entries
     if isinstance(value, tuple):
@@ -111,8 +106,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bool | int | str):
         return value
     return float(value)
-
-
-def _is_unlimited(value: Any) -> bool:
-    """No limit, which a file cannot say but by leaving it out."""
-    return isinstance(value, float) and math.isinf(value)

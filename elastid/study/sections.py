@@ -69,7 +69,6 @@ class Study:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse what random generators refuse."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
 
@@ -153,7 +152,6 @@ class MemberSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a date that is none."""
         try:
             date.fromisoformat(self.date)
         except ValueError:
@@ -184,7 +182,6 @@ class FleetSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One source of members, and a rate."""
         if sum(bool(source) for source in (self.members, self.table, self.folders)) != 1:
             raise ValueError("give the members by one of members, table and folders")
         if not 0 < self.false_discovery_rate < 1:

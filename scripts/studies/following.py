@@ -23,7 +23,7 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-from elastid.friction_study.innovations import consistency
+from elastid.friction_study.follow import consistency
 from tests.plants.warm_joint import (
     COUNT,
     FOLLOWED,

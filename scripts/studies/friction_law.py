@@ -53,7 +53,9 @@ def main() -> None:
     bound = np.sqrt(np.diag(truth.covariance))
     laws = [law_of(drawn(exact, seed)) for seed in range(draws)]
     true = np.array(list(truth.values.values()))
-    holds = np.array([[n.low < t < n.high for n, t in zip(law.numbers, true, strict=True)] for law in laws])
+    holds = np.array([
+        [low < t < high for (_, _, low, high), t in zip(law.intervals.values(), true, strict=True)] for law in laws
+    ])  # fmt: skip
     estimates = np.array([list(law.values.values()) for law in laws])
     scatter = np.sqrt(np.mean((estimates - true) ** 2, axis=0)) / bound
     arrived = sum(law.fit.hits for law in laws) / sum(law.fit.starts for law in laws)

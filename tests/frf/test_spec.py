@@ -8,7 +8,6 @@ from elastid.frf.spec import EstimatorSpec
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"overlap": 0.96}, "overlap is 0.96; it must be from 0 to 0.95 of a segment"),
         ({"band_hz": (20.0, 10.0)}, r"give \[lowest, highest\]"),
         ({"local_order": 7}, "it must be 1 to 6"),
         ({"transient_periods": -1}, "must not be negative"),

@@ -18,12 +18,11 @@ from elastid.frf.welch import Segments
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
-@pytest.mark.parametrize("overlap", [0.0, 0.5, 0.75])
-def test_h1_h2_and_coherence_are_those_of_scipy(window: str, overlap: float) -> None:
+def test_h1_h2_and_coherence_are_those_of_scipy(window: str) -> None:
     """One input and one output, to rounding, at all lines of the segment but the first and the last."""
     record = noise_record(5000, 0, n=1, noise=0.3)
-    spec = replace(H1, window=window, overlap=overlap)
-    how = {"fs": RATE, "window": window, "nperseg": 256, "noverlap": round(256 * overlap)}
+    spec = replace(H1, window=window)
+    how = {"fs": RATE, "window": window, "nperseg": 256, "noverlap": 128}
     freq_hz, uy = csd(record.u[:, 0], record.y[:, 0], **how)
     uu, yy = (csd(x[:, 0], x[:, 0], **how)[1] for x in (record.u, record.y))
     inside = slice(1, 128)
@@ -71,15 +70,15 @@ def test_the_variance_is_that_of_the_coherence() -> None:
     np.testing.assert_array_equal(response.total.variance, response.noise.variance)
 
 
-@pytest.mark.parametrize(("window", "overlap"), [("hann", 0.0), ("hann", 0.5), ("hann", 0.75), ("boxcar", 0.5)])
-def test_the_error_has_the_variance_that_is_stated(window: str, overlap: float) -> None:
-    """Mean squared error over mean variance of 60 records of two inputs, whatever the overlap: 1 within 10 %."""
+@pytest.mark.parametrize("window", ["hann", "boxcar"])
+def test_the_error_has_the_variance_that_is_stated(window: str) -> None:
+    """Mean squared error over mean variance of 60 records of two inputs: 1 within 10 %."""
     squares, variances = [], []
     for seed in range(60):
         # A plant without memory has no leakage: noise alone is left.
         record = noise_record(4000, seed, noise=0.0)
         y = record.u @ MIX.T + np.random.default_rng(seed + 1000).normal(size=record.u.shape)
-        spec = replace(H1, window=window, overlap=overlap, segment=0.64)
+        spec = replace(H1, window=window, segment=0.64)
         response = estimate([replace(record, y=y)], spec)
         assert response.total is not None
         squares.append(np.abs(response.G - MIX) ** 2)

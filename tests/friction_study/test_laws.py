@@ -14,6 +14,7 @@ from elastid.base.errors import DataError, FitError
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
+from elastid.friction_study.result import numbers_of_law
 from elastid.friction_study.spec import LawSpec
 from elastid.robot import Body, Joint, Motor, Robot
 
@@ -26,10 +27,10 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
     levels = published_levels()
     law = StaticLaw.of(drawn(levels, 0), LawSpec())
-    assert len(law.numbers) == 12
+    assert len(law.intervals) == 12
     assert set(reasons(law)) == {"directions", "quadratic"}
-    for number in law.numbers:
-        assert number.low < number.value < number.high
+    for value, _, low, high in law.intervals.values():
+        assert low < value < high
     motor = Motor(1e-3, 1.0, law.viscous, friction=law.to_friction())
     (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
     for i in range(0, levels.n_levels, 17):
@@ -83,7 +84,7 @@ def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     assert uneven <= 5
     law = StaticLaw.of(drawn(plain(uneven=37.0), 1), LawSpec())
     assert law.values["directions.viscous"] == pytest.approx(-37.0, abs=3 * 1.3)
-    assert {n.name: n.unit for n in law.numbers}["directions.viscous"] == "N*s/m"
+    assert {n.symbol: n.unit for n in numbers_of_law("1", law, {})}["delta_v"] == "N*s/m"
     assert "stiction" not in law.names
 
 

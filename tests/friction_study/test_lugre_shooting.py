@@ -84,7 +84,7 @@ def test_the_law_of_passes_counts_with_its_whole_covariance() -> None:
     """Draws of the law scatter in the logarithm as the information says; bristles are unknown."""
     levels = published_levels(tuple(np.geomspace(1, 280, 30)), (0.0,), (48.0,), 0.002)
     laws = [StaticLaw.of(drawn(levels, seed), LawSpec()) for seed in range(30)]
-    prior = Prior.of_law(laws[0])
+    prior = Prior.of(laws[0].values, laws[0].covariance)
     names = ("coulomb", "stiction", "stribeck_velocity", "viscous")
     assert set(prior.known) == set(names)
     at = [FRICTION.index(name) for name in names]

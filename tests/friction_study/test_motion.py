@@ -11,7 +11,7 @@ from scipy.io import loadmat
 
 from elastid.base.errors import DataError
 from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
-from elastid.friction_study.plateaus import distinct_speeds
+from elastid.friction_study.passes import distinct_speeds
 
 RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0

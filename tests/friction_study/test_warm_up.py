@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.friction_study.plateaus import alike_speeds
+from elastid.friction_study.passes import alike_speeds
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up
 
 # 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.

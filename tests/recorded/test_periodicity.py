@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import hypothesis.strategies as st
 import numpy as np
 import pytest
-from plants.lab_logs import N, measured, save_csv, study_of
+from hypothesis import given, settings
+from plants.lab_logs import CHANNELS, RATE, ROBOT, N, measured, save_csv, study_of
+from plants.notes import said
 
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, ElastidError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.recorded.periodicity import repetition
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.recorded.periodicity import find_period, repetition
+from elastid.recorded.rig import RecordedRig
+from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
 @pytest.mark.parametrize(("stated", "found"), [(199, 200), (210, 200), (100, 200), (90, 200)])
@@ -95,3 +106,245 @@ def test_half_wave_records_need_one_period_and_say_so(tmp_path: Path) -> None:
             measured(tmp_path, study_of("log.csv", period_samples=stated))
     with pytest.raises(DataError, match="second half minus first"):
         measured(tmp_path, study_of("log.csv", period_samples=150, half_wave=True))
+
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+EMPS = SHARED / "emps_prismatic_axis" / "DATA_EMPS.mat"
+KUKA = SHARED / "kuka_kr300" / "traj_A.mat"
+AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
+LINES = np.arange(3, 60)
+
+
+def _log_of_period(T: float, n: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """n samples of four multisines with a period of T samples."""
+    U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(seed))[0]
+    x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, LINES)) @ U).real
+    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
+
+
+def _emps(**changes: object) -> RecordedRig:
+    channels = (
+        ChannelSpec("u", "motor 1", "vir", scale=35.1507),
+        ChannelSpec("y", "motor 1", "qm", quantity="position"),
+    )
+    recorded = RecordedSpec(1000.0, channels, (FileSpec(str(EMPS), "home"),), **changes)  # type: ignore[arg-type]
+    return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
+
+
+def test_a_period_of_a_fraction_of_samples_has_the_lines_of_its_own_frequencies(tmp_path: Path) -> None:
+    """200.3 samples: 200 of them at a lower rate, with all power on the lines, as far as interpolation goes."""
+    save_csv(tmp_path / "log.csv", _log_of_period(200.3, 1202))
+    record = measured(tmp_path, study_of("log.csv", period_samples=200.3))
+    assert (record.period_samples, record.n_periods) == (200, 6)
+    assert record.rate_hz == pytest.approx(RATE * 200 / 200.3, rel=1e-12)
+    u = record.u[:, 0].reshape(-1, 200)
+    assert np.abs(u[1:-1] - u[2]).max() < 1e-3 * np.ptp(u)
+    assert any("200.3 samples is brought to 200" in note for note in said(record.notes))
+
+
+def test_each_file_has_its_own_period(tmp_path: Path) -> None:
+    """The first has that of the section, the second its own."""
+    save_csv(tmp_path / "a.csv", _log_of_period(N, 800))
+    save_csv(tmp_path / "b.csv", _log_of_period(150, 600))
+    files = (FileSpec("a.csv", "home"), FileSpec("b.csv", "home", 1, period=1.5))
+    rig = RecordedRig(ROBOT, study_of("", files=files), tmp_path)
+    assert [rig.measure(e).period_samples for e in rig.experiments] == [200, 150]
+
+
+def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
+    """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
+    channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
+    for name, T in (("a", 200.3), ("b", 200.31)):
+        log = _log_of_period(T, 1203)
+        save_csv(tmp_path / f"{name}.csv", {"i1": log["i1"], "phi": 0.2 * log["i1"] * 0.5e-3 * -50.0})
+    files = (FileSpec("a.csv", "home"), FileSpec("b.csv", "home", 1))
+    rig = RecordedRig(ROBOT, study_of("", channels, files=files, period_samples=None, period="find"), tmp_path)
+    records = [rig.measure(e) for e in rig.experiments]
+    assert 1e-5 < abs(records[1].rate_hz / records[0].rate_hz - 1) < 1e-4
+    G = estimate(records, EstimatorSpec(quantity="position"))
+    assert G.n_lines == len(LINES)
+    np.testing.assert_allclose(G.G[:, 0, 0], 0.2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("T", [200.0, 160.4])
+def test_a_period_is_found(T: float, tmp_path: Path) -> None:
+    """Whole or not, and the record says which."""
+    save_csv(tmp_path / "log.csv", _log_of_period(T, 1000))
+    record = measured(tmp_path, study_of("log.csv", period_samples=None, period="find"))
+    assert record.period_samples == round(T)
+    assert record.rate_hz * T / round(T) == pytest.approx(RATE, rel=1e-5)
+    assert any("taken as the period" in note for note in said(record.notes))
+
+
+def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
+    """1.95 periods: two of them, the last 10 samples from the first; 1.8 are refused with a remedy."""
+    whole = _log_of_period(N, 400)
+    save_csv(tmp_path / "log.csv", {name: x[:390] for name, x in whole.items()})
+    record = measured(tmp_path, study_of("log.csv"))
+    assert record.n_periods == 2
+    np.testing.assert_allclose(record.u[:, 1], whole["i1"] * 0.5e-3 * -50.0, atol=1e-6 * np.ptp(record.u))
+    assert record.left_out == ()
+    assert "390 samples are 1.95 repetitions of 200: 190 of them repeat" in said(record.notes)[0]
+    save_csv(tmp_path / "log.csv", {name: x[:360] for name, x in whole.items()})
+    with pytest.raises(DataError, match=r"1\.8 periods .* With period: none the whole record is one transient"):
+        measured(tmp_path, study_of("log.csv"))
+
+
+@pytest.mark.parametrize("period", [None, "none"])
+def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_path: Path) -> None:
+    """Noise, all of its samples; nothing is mended from other periods."""
+    rng = np.random.default_rng(0)
+    log = {name: rng.normal(size=777) for name in ("i1", "i2", "phi", "w2")}
+    save_csv(tmp_path / "log.csv", log)
+    record = measured(tmp_path, study_of("log.csv", period_samples=None, period=period))
+    assert not record.is_periodic
+    assert (record.n_samples, record.period_samples, record.n_periods) == (777, 777, 1)
+    np.testing.assert_allclose(record.u[:, 1], log["i1"] * 0.5e-3 * -50.0, rtol=1e-12)
+    assert said(record.notes) == ()
+
+
+def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
+    """Four periods of 200 samples; not where the study says none."""
+    save_csv(tmp_path / "log.csv", _log_of_period(N, 800))
+    (note,) = said(measured(tmp_path, study_of("log.csv", period_samples=None)).notes)
+    assert "the torques repeat every 200 samples" in note
+    assert said(measured(tmp_path, study_of("log.csv", period_samples=None, period="none")).notes) == ()
+
+
+def test_gaps_of_a_record_without_a_period_are_short_or_refused_with_the_complete_piece(tmp_path: Path) -> None:
+    """One sample lies on the cubic through its neighbours; thirty are refused, and the remedy works."""
+    t = np.arange(800)
+    log = {name: np.sin(0.05 * t + i) + 0.3 * np.sin(0.031 * t) for i, name in enumerate(("i1", "i2", "phi", "w2"))}
+    holed = {name: x.copy() for name, x in log.items()}
+    holed["w2"][100] = np.nan
+    save_csv(tmp_path / "log.csv", holed)
+    none = {"period_samples": None, "period": "none"}
+    record = measured(tmp_path, study_of("log.csv", **none))
+    np.testing.assert_allclose(record.y[:, 1], 0.1 * log["w2"], atol=1e-5)
+    assert record.repairs == {"missing samples interpolated": 1}
+    holed["w2"][100:130] = np.nan
+    save_csv(tmp_path / "log.csv", holed)
+    with pytest.raises(DataError, match=r"longest piece without gaps is samples: \[130, 800\]"):
+        measured(tmp_path, study_of("log.csv", **none))
+    piece = (FileSpec("log.csv", "home", samples=(130, 800)),)
+    assert measured(tmp_path, study_of("log.csv", files=piece, **none)).n_samples == 670
+
+
+def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> None:
+    """The second log starts 37 samples earlier and holds the injected torque too."""
+    rng = np.random.default_rng(0)
+    r, y = rng.normal(size=1000), rng.normal(size=1000)
+    save_csv(tmp_path / "a.csv", {"i1": r[37:], "i2": np.zeros(963)})
+    save_csv(tmp_path / "b.csv", {"i1": r, "w2": y})
+    channels = (
+        *CHANNELS[:2],
+        replace(CHANNELS[1], role="r", file=2),
+        replace(CHANNELS[0], role="r", channel="i1", file=2),
+        ChannelSpec("y", "joint 2", "w2", quantity="velocity", file=2),
+    )
+    files = (FileSpec("a.csv", "home", also=("b.csv",)),)
+    record = measured(tmp_path, study_of("", channels, files=files, period_samples=None, period="none"))
+    np.testing.assert_allclose(record.y[:, 0], y[37 : 37 + record.n_samples], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"period": 2.0}, "either period"),
+        ({"period_samples": None, "half_wave": True}, "it has no period; give period"),
+        ({"period_samples": 1.5}, "1.5 samples; it must be 2"),
+        ({"period_samples": None, "period": 2.0, "rate_hz": "unknown"}, "give period_samples instead"),
+    ],
+)
+def test_periods_that_contradict_each_other_are_refused(changes: dict[str, object], says: str) -> None:
+    """Two of them, half waves of none, shorter than the samples, in s without a rate."""
+    with pytest.raises(ValueError, match=says):
+        study_of("log.csv", **changes)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from(["noise", "walk", "sine", "motion", "constant", "holes"]),
+    n=st.integers(4, 2501),
+    lag=st.integers(1, 2600),
+    sign=st.sampled_from([1, -1]),
+    seed=st.integers(0, 5),
+)
+def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, seed: int) -> None:
+    """Correlations are numbers up to 1, a lag that is advised of lies within half of the log."""
+    rng, t = np.random.default_rng(seed), np.arange(n)
+    x = rng.normal(size=n)
+    if kind == "walk":
+        x = np.cumsum(x)
+    elif kind == "sine":
+        x = np.sin(t / (3 + 40 * rng.random()))
+    elif kind == "motion":
+        x = sum(np.sin((k + 0.3) * 2 * np.pi * t / 2501 + 6 * rng.random()) for k in range(1, 9)) + np.zeros(n)
+    elif kind == "constant":
+        x = np.ones(n)
+    elif kind == "holes":
+        x = np.where(rng.random(n) < 0.2, np.nan, np.sin(0.1 * t))
+    for found in (repetition(x[:, None], lag, sign), find_period(x[:, None])):
+        assert np.isfinite([found.correlation, found.best_correlation, found.best_samples]).all()
+        assert max(abs(found.correlation), found.best_correlation) < 1.01
+        assert 0 <= found.best_samples < n
+
+
+@pytest.mark.parametrize("lag", [320, 420, 430, 720, 730, 804, 1000, 1250])
+def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
+    """Ten seconds of eight sines without a common period: no advice, no acceptance, no traceback."""
+    t, rng = np.arange(2501) / 2501, np.random.default_rng(1)
+    x = sum(np.sin(2 * np.pi * (k + 0.37 * rng.random()) * t + 6 * rng.random()) for k in range(1, 9))
+    found = repetition(np.asarray(x)[:, None], lag)
+    assert not found.is_as_stated
+    assert found.best_samples == 0
+
+
+@pytest.mark.skipif(not EMPS.is_file(), reason="the record of the prismatic axis is not there")
+def test_the_prismatic_axis_repeats_twice_within_the_period_that_is_known() -> None:
+    """24 841 samples are 1.99 periods of 12 480.02, which hold two equal motions of 6240: that one is found."""
+    rig = _emps(period_samples=12480.02)
+    record = rig.measure(rig.experiments[0])
+    assert (record.period_samples, record.n_periods, record.left_out) == (12480, 2, ())
+    assert "24840 samples are 1.99 repetitions of 12480" in " ".join(said(record.notes))
+    found = _emps(period="find")
+    record = found.measure(found.experiments[0])
+    assert (record.period_samples, record.n_periods) == (6240, 3)
+    wrong = _emps(period_samples=12470)
+    with pytest.raises(DataError, match=r"does not repeat with the period of 12470 .* every 6240.01 samples"):
+        wrong.measure(wrong.experiments[0])
+
+
+@pytest.mark.skipif(not EMPS.is_file(), reason="the record of the prismatic axis is not there")
+def test_the_mass_of_the_prismatic_axis_shows_in_its_response() -> None:
+    """Force to acceleration at the published 95.11 kg, where inertia outweighs friction."""
+    responses = []
+    for rig in (_emps(period_samples=12480.02), _emps(period="find")):
+        record = rig.measure(rig.experiments[0])
+        responses.append(estimate([record], EstimatorSpec(method="h1", band_hz=(0.0, 20.0))))
+    for G in responses:
+        high = G.freq_hz > 2.0
+        mass = np.median(1 / G.G[high, 0, 0].real)
+        assert mass == pytest.approx(95.11, rel=0.1)
+
+
+@pytest.mark.skipif(not KUKA.is_file(), reason="the record of the six-axis robot is not there")
+@pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010))])
+def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
+    """Whatever the study states; and what the sentence proposes can be measured."""
+    channels = (
+        ChannelSpec("u", "motor 1", "rec.act_torque_abs_nm", column=1),
+        ChannelSpec("y", "motor 1", "rec.act_pos_mot_deg", column=1, quantity="position", unit="deg"),
+    )
+
+    def rig(**changes: object) -> RecordedRig:
+        recorded = RecordedSpec(250.0, channels, (FileSpec(str(KUKA), "home"),), **changes)  # type: ignore[arg-type]
+        return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
+
+    refused = rig(**period)
+    with pytest.raises(ElastidError, match="it does not repeat: there is no FRF of lines in it"):
+        refused.measure(refused.experiments[0])
+    whole = rig(period="none")
+    record = whole.measure(whole.experiments[0])
+    assert record.n_samples == 2501
+    assert estimate([record], EstimatorSpec(method="local_rational", band_hz=(0.0, 10.0))).n_lines > 20

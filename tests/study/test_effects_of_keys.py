@@ -121,15 +121,6 @@ def test_the_kind_of_the_bootstrap_is_that_of_the_study(fitted) -> None:
     assert np.all(np.abs(np.log(widths[0] / widths[1])) < np.log(3))
 
 
-def test_a_loss_scale_beyond_all_elements_leaves_least_squares(fitted) -> None:
-    """And a small one moves the optimum."""
-    square, wide, tight = (
-        fitted(*words) for words in ((), *(("weights.loss=huber", f"weights.loss_scale={s}") for s in (1e6, 0.5)))
-    )
-    np.testing.assert_allclose(wide.x, square.x, atol=1e-7)
-    assert np.abs(tight.x - square.x).max() > 1e-5
-
-
 @pytest.mark.parametrize("key", PLAN_KEYS)
 def test_a_plan_of_logs_is_refused(key: str, tmp_path: Path) -> None:
     """Realisations, periods and ramps are in the files: a number for them would do nothing."""

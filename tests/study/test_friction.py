@@ -36,7 +36,7 @@ RIG = """\
     saturation: true
     encoder_ripple: [{amplitude: 1e-7, periods: 2}]
     torque_ripple: [{amplitude: 1e-4, periods: 6, phase: 30 deg}]
-    warming: {time_constant: 2 min, amplitude: 0.3, spread: 0.02, pause: 5 s, temperature: [25, 40 degC]}
+    warming: {time_constant: 2 min, amplitude: 0.3, pause: 5 s, temperature: [25, 40 degC]}
     carrier: {amplitude: 5 deg, cycles: 4}
     substeps: 4
 """
@@ -143,7 +143,6 @@ def test_wrong_friction_is_refused_at_its_line(tiny: Path, old: str, new: str, w
         ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
         ("saturation: true", "no joint has limits.torque"),
         ("warming: {time_constant: 5, temperature: [20, 30]}", "no friction of the robot depends on temperature"),
-        ("warming: {time_constant: 5, spread: 2}", "spread is 2; it must be within [0, 0.3)"),
     ],
 )
 def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from study.given_keys import PLACES, SECTIONS, given_in, in_python, in_yaml
 
+from elastid.app import cli
 from elastid.base.errors import StudyError
-from elastid.study import make_schema
+from elastid.study import load, make_schema
 from elastid.study.checks.experiment import PLAN_KEYS
 from elastid.study.reference import explain, keys_of, list_keys, names_in, overview, text_of
 from elastid.study.sections import Study
@@ -23,12 +24,12 @@ GIVEN_THROUGH_HELPERS = {
     "experiment/simulated/test_hardware.py": ("SimulatedSpec.model",),
     "recorded/test_link_side.py": ("ChannelSpec.hold",),
     "recorded/responses/test_reading.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
-    "recorded/test_period.py": ("FileSpec.period_samples",),
+    "recorded/test_periodicity.py": ("FileSpec.period_samples",),
     "recorded/test_rig.py": ("RecordedSpec.text",),
     "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
     "design/test_design.py": ("MultisineSpec.least",),
-    "frf/test_welch.py": ("EstimatorSpec.window", "EstimatorSpec.overlap"),
+    "frf/test_welch.py": ("EstimatorSpec.window",),
     "study/test_effects_of_keys.py": ("FitSpec.bootstrap_kind",),
     "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames"),
     "robot/test_urdf.py": tuple(f"UrdfJoint.{key}" for key in ("spring", "motor", "elastic", "viscous", "limits"))
@@ -191,3 +192,16 @@ def test_advice_names_keys_that_exist() -> None:
     for key in KEYS.values():
         for path in dotted.findall(f"{key.text} {key.advice}"):
             assert explain(path), f"{key.path}: {path}"
+
+
+@pytest.mark.parametrize("template", ["friction", "recorded", "responses", "serial"])
+def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path) -> None:
+    """Every line behind `Keys for further questions`, of the study and of its robot's file."""
+    study = tmp_path / "new" / "study.yml"
+    assert cli.run_command(["new", str(study.parent), "--template", template]) == 0
+    if template == "responses":
+        (study.parent / "bench.csv").touch()
+    for file, prefix in ((study, ""), (study.with_name("robot.yml"), "robot.")):
+        _, _, proposed = file.read_text(encoding="utf-8").partition("# Keys for further questions")
+        for line in proposed.splitlines()[1:]:
+            load(study, [prefix + override for override in line.removeprefix("#   ").split("  ")])

@@ -30,7 +30,7 @@ from elastid.store.artefacts import Stamp
 from elastid.store.design import write_movement, write_plan, write_torque
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
-from elastid.study.checks.design import responses_file
+from elastid.study.checks.experiment import responses_file
 
 
 def design(

@@ -28,6 +28,9 @@ from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
 from elastid.record import Configuration
 from elastid.robot import Robot
 
+# Of the filter of a square carrier; used on a real axis that turned its motor at 20 rad/s.
+SQUARE_CUTOFF_HZ = 1.0
+
 
 @frozen_value
 class Movement:
@@ -128,7 +131,7 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
     """
     f = carrier.cycles * plan.rate_hz / plan.period_samples
     h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
-    filtered = 1 / (h * np.sqrt(1 + (h * f / carrier.cutoff_hz) ** 4))
+    filtered = 1 / (h * np.sqrt(1 + (h * f / SQUARE_CUTOFF_HZ) ** 4))
     analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
     used = ~analysed & (filtered > 1e-4 * filtered[0])
     omega = 2 * np.pi * f * h[used]

@@ -149,7 +149,7 @@ class SimulatedFrictionRig:
     def _thermometer(self, run: FrictionRun, number: int) -> FloatArray | None:
         """Temperatures as they are logged (n,), with one error for the motion."""
         heat = self.simulated.heat
-        if heat is None or run.temperature is None or not heat.has_thermometer:
+        if heat is None or run.temperature is None or heat.thermometer_std is None:
             return None
         error = np.random.default_rng(np.random.SeedSequence((self.seed, number, 1))).standard_normal()
         return np.asarray(run.temperature + heat.thermometer_std * error)
@@ -164,13 +164,14 @@ class SimulatedFrictionRig:
         places = np.flatnonzero(chosen)
         joint = [driven.name for driven in self.robot.driven].index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
-        readings = heat.temperature[places] + spec.thermometer_std * rng.standard_normal(len(places))
+        std = np.nan if spec.thermometer_std is None else spec.thermometer_std
+        readings = heat.temperature[places] + std * rng.standard_normal(len(places))
         return WarmUpLog(
             warm_up.joint,
             heat.time_s[places],
             heat.power[places[:-1]],
-            readings if spec.has_thermometer else np.full(len(places), np.nan),
-            spec.thermometer_std,
+            readings,
+            spec.thermometer_std or 0.0,
             spec.ambient,
             float(heat.temperature[places[0]]),
         )

@@ -181,9 +181,8 @@ def _ripple(spec: EncoderRippleSpec | TorqueRippleSpec, amplitude: FloatArray, r
 
 
 def friction_of_a_run(
-    contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment,
-    seed: int,
-) -> FloatArray:  # fmt: skip
+    contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment
+) -> FloatArray:
     """Friction coefficients (n, 9 n_f) of every sample, or (9 n_f,) without drift, from load, temperature and level.
 
     The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
@@ -197,8 +196,7 @@ def friction_of_a_run(
         index = [planned.name for planned in plan.experiments].index(run.name)
         t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
         cold = np.exp(-t / warming.time_constant)
-        factor = np.random.default_rng(np.random.SeedSequence((seed, index, 1))).lognormal(0.0, warming.spread)
-        level = (1 + warming.amplitude * cold) * factor
+        level = 1 + warming.amplitude * cold
         ends = warming.temperature
         # They change slowly: computed at a hundred moments and interpolated linearly.
         moments = np.unique(np.linspace(0, n - 1, 100).astype(int))

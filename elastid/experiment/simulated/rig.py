@@ -216,7 +216,7 @@ class SimulatedRig:
         """The first n samples of a run, from rest where the reference begins."""
         spec, q0 = self.simulated, point.q
         sliding = plant.loop.contacts
-        curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment, self.seed)
+        curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]

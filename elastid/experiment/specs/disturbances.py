@@ -110,8 +110,6 @@ class WarmingSpec:
         "robots.")]
     amplitude: Annotated[float, Key("Amplitude of the drift, a part of the level.", "0.2 to 0.5 for a robot that "
         "starts cold; 0 with `temperature`, whose law then says how friction falls.")] = 0.0
-    spread: Annotated[float, Key("Standard deviation of a further factor of friction that is drawn for every run.",
-        "0.01 to 0.05 for levels that scatter from run to run; it widens what repeated experiments show.")] = 0.0
     pause: Annotated[Time, Key("Pause between runs.", "the time in which somebody moves to the next configuration; the "
         "robot goes on warming in it by the clock.")] = 0.0
     temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Temperatures [cold, warm] of the gears, "
@@ -125,8 +123,6 @@ class WarmingSpec:
             raise ValueError(f"time_constant is {self.time_constant:g} s; it must be positive")
         if not self.amplitude > -1:
             raise ValueError(f"amplitude is {self.amplitude:g}; the level 1 + amplitude must be positive")
-        if not 0 <= self.spread < 0.3:
-            raise ValueError(f"spread is {self.spread:g}; it must be within [0, 0.3), a part of the level")
         if self.pause < 0:
             raise ValueError(f"pause is {self.pause:g} s; it must not be negative")
 

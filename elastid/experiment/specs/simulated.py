@@ -41,11 +41,9 @@ class HeatSpec:
         "joints start there unless `start` is given.")] = 20.0
     start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
         "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
-    thermometer_std: Annotated[TemperatureRise, Key("Standard deviation of the logged temperature; one error for each "
-        "motion.", "0.5 to 2 K for sensors on the housing; its error goes into the numbers of the temperature law as "
-        "one per motion.")] = 0.0
-    has_thermometer: Annotated[bool, Key("Temperatures are logged if true.", "false for robots that log none; the law "
-        "then has no temperature terms, and drift shows as scatter.")] = True
+    thermometer_std: Annotated[TemperatureRise | None, Key("Standard deviation of the logged temperature, one error "
+        "for each motion; null without a thermometer.", "0.5 to 2 K for sensors on the housing; null for robots that "
+        "log none: the law then has no temperature terms, and drift shows as scatter.")] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -55,7 +53,7 @@ class HeatSpec:
                 f"conductance is {self.conductance:g} W/K and time_constant {self.time_constant:g} s; both must be "
                 "positive"
             )
-        if self.thermometer_std < 0:
+        if self.thermometer_std is not None and self.thermometer_std < 0:
             raise ValueError(f"thermometer_std is {self.thermometer_std:g} K; it must not be negative")
 
     @property
@@ -119,7 +117,7 @@ class CarrierSpec:
         "farthest below the band; more for higher speed with the same swing.")] = 1
     kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
         "pi cycles t / period). `square`: the velocity is a square wave of `velocity` with so many cycles a period, "
-        "filtered at cutoff_hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
+        "filtered at 1 Hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
         "sign the direction), through the configuration in the middle of the measured periods; the multisine is kept "
         "so small that no motor turns back. Sine and square are periodic with the multisine, on lines below the "
         "excited band.", "`sine` reverses twice a cycle and sticks briefly there; `square` turns quickly, for small "
@@ -128,9 +126,6 @@ class CarrierSpec:
     velocity: Annotated[JointVelocity | tuple[JointVelocity, ...] | None, Key("Speed of the movement on the link side, "
         "one for all joints or one for each; in m/s of those that slide.", "above the Stribeck velocity of the gear, "
         "and above the multisine's peak speed, so that friction keeps one sign.")] = None
-    cutoff_hz: Annotated[Frequency, Key("Cut-off frequency of the filter of a square.", "higher for shorter reversals, "
-        "lower where their harmonics would shake the first mode. 1 Hz has been used on a real axis that turned its "
-        "motor at 20 rad/s.")] = 1.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -144,10 +139,8 @@ class CarrierSpec:
             raise ValueError("the carrier's amplitude must be positive for every joint and cycles at least 1")
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
             raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
-        if self.cycles < 1 or not self.cutoff_hz > 0:
-            raise ValueError(
-                f"the carrier has {self.cycles} cycles and cutoff_hz {self.cutoff_hz:g}; both are positive"
-            )
+        if self.cycles < 1:
+            raise ValueError(f"the carrier has {self.cycles} cycles; give at least 1")
 
     def velocities(self, n_u: int) -> FloatArray:
         """The velocity of each of n_u joints; ValueError for a wrong number of them."""

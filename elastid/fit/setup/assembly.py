@@ -45,6 +45,9 @@ from elastid.record import Configuration
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
+# Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
+# with their square.
+OUTLIER_STDS = 2.0
 # Of the Rayleigh distribution with two components of unit variance.
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
@@ -210,7 +213,7 @@ def robust_factors(
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
     every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
-    reach = spec.loss_scale * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
     if spec.loss == "huber":
         return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
     return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)

@@ -58,10 +58,7 @@ def is_log(path: Path) -> bool:
 
 
 def all_formats() -> tuple[Format, ...]:
-    """Those of other packages, which know their files better, and those of elastid.
-
-    Raises StudyError for an entry point that cannot be loaded or holds no format.
-    """
+    """Those of other packages, which know their files better, first; StudyError for one that cannot be loaded."""
     return (*(_registered(point) for point in entry_points(group=_ENTRY_POINTS)), *FORMATS)
 
 

@@ -1,7 +1,4 @@
-"""Logs in HDF5 files: datasets by their path, fields of compound datasets behind a dot; MATLAB files of version 7.3.
-
-Those are HDF5 behind a MATLAB header, with reversed axes, and structs as groups.
-"""
+"""Logs in HDF5: datasets by path, fields behind a dot; MATLAB 7.3, HDF5 with reversed axes and structs as groups."""
 
 from __future__ import annotations
 

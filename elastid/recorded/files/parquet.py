@@ -33,7 +33,6 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 def _leaves(name: str, field: Any) -> Iterator[tuple[str, Any]]:
-    """Name and field of every column; members of structs are columns of their own."""
     from pyarrow import types
 
     if not types.is_struct(field.type):

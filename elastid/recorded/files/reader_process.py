@@ -72,7 +72,6 @@ def _stored(file: Mapping[str, Any], index: int, signal_of: Mapping[str, Any]) -
 
 
 def _version(path: Path) -> list[list[Any]]:
-    """Name, size and time of a file, or of those in a folder."""
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     return [[file.name, stat.st_ino, stat.st_size, stat.st_mtime_ns] for file in files for stat in [file.stat()]]
 
@@ -111,7 +110,6 @@ def _exchange(reader: subprocess.Popen[bytes], request: Mapping[str, Any]) -> tu
 
 
 def _reader(where: str) -> subprocess.Popen[bytes]:
-    """The reader of this process, started where there is none."""
     key = os.getpid(), where
     if key not in _readers:
         # -P: nothing is imported from the folder that the user happens to be in.
@@ -128,7 +126,6 @@ def _reader(where: str) -> subprocess.Popen[bytes]:
 
 
 def _end(reader: subprocess.Popen[bytes]) -> int:
-    """End a reader; its exit code."""
     assert reader.stdin is not None
     assert reader.stdout is not None
     with suppress(OSError):
@@ -177,7 +174,6 @@ def serve() -> None:
 
 
 def _limit_memory() -> int:
-    """Limit the data of this process; the limit in bytes, 0 on systems without one."""
     if not hasattr(os, "sysconf"):
         return 0
     import resource

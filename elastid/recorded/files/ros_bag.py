@@ -131,10 +131,7 @@ class _Topic:
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Every number or sequence of up to 64 numbers of a message, by the path of its field; stamps are the time.
-
-    Longer sequences are images, clouds and maps.
-    """
+    """Numbers and sequences of up to 64 (longer ones are images and maps) by the path of their field; no stamps."""
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(message):
         value, name = getattr(message, field.name), f"{prefix}{field.name}"

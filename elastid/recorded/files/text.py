@@ -33,10 +33,7 @@ _FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
 
 @dataclass(frozen=True)
 class TextLog:
-    """The lines of a text log.
-
-    number_lines: with decimal points.  headings: of the columns, or none.  first: line (from 0) where the data start.
-    """
+    """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start."""
 
     path: Path
     format: TextFormatSpec
@@ -92,12 +89,13 @@ class TextLog:
         return ""
 
     def _column(self, channel: ChannelSpec) -> int:
-        """The column, from 0, of a channel."""
         column = channel.column
         if channel.channel and (self.headings or column is None):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not headed:
-                raise DataError(self._not_headed(channel))
+                start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
+                missing = missing_channel(self.path, channel, self.shapes())
+                raise DataError(missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 listed = ", ".join(map(str, headed))
                 raise DataError(
@@ -110,11 +108,6 @@ class TextLog:
         if column > self.n_columns:
             raise DataError(f"{self.path}: there is no column {column}; it has {self.n_columns}, the first is column 1")
         return column - 1
-
-    def _not_headed(self, channel: ChannelSpec) -> str:
-        """The message on a missing heading: those of the file, and the line where the data were taken to start."""
-        start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
-        return missing_channel(self.path, channel, self.shapes()) + start + otherwise_written(self.path, self.format)
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -1,17 +1,14 @@
 """Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
 
-- time_stamps:   gaps in a column of times                 -> missing samples
-                 uneven steps, or another rate than stated -> resampled
-- clock:         a period of a fraction of samples         -> resampled
-- lost_samples:  samples that the logger lost or doubled   -> missing samples
-- missing:       NaN                                       -> the same phase of the other periods
-- spikes:        single samples far off                    -> the same phase of the other periods
-- clipping:      a channel that runs into its limit        -> reported, or refused
-- quantisation:  the steps of an encoder                   -> reported with their noise
-- drift:         a slow movement that does not repeat      -> reported
-- delay:         two logs that started at different times  -> shifted
+- time_stamps: gaps in time -> missing samples; uneven steps, or another rate than stated -> resampled
+- clock:      a fraction of samples in a period -> resampled; late logs -> shifted
+- missing:    samples lost or doubled -> missing ones; missing ones -> the same phase of the other periods
+- spikes:     single samples far off -> the same phase of the other periods
+- stops:      repetitions in which the robot stops -> left out
+- converter:  a channel that runs into its limit, the steps of an encoder -> reported, or refused
 
-Arrays in, arrays and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
+Here the parts that they share: the repetitions of a signal, and drift over them, which is reported. Arrays in, arrays
+and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
 """
 
 from __future__ import annotations
@@ -83,3 +80,105 @@ def in_runs(flags: BoolArray, least: int) -> BoolArray:
     for start, end in runs(flags, least):
         result[start:end] = True
     return result
+
+
+@dataclass(frozen=True)
+class DriftLimits:
+    """Limits of the finding on drift; its false-alarm rate is not measured."""
+
+    # A line is excited where the drivers have this part of the power of their strongest line.
+    min_excited_share: float = 1e-3
+    # Power of the drift over the repeating part from which on it is reported: below the excited lines, and in their
+    # lowest octave.
+    min_drift_power: float = 0.25
+    min_leaked_power: float = 0.01
+
+
+LIMITS = DriftLimits()
+
+
+def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
+    """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
+    P = len(x) // L
+    return np.asarray(x[: P * L].reshape(P, L) * float(sign) ** np.arange(P)[:, None])
+
+
+def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) -> FloatArray:
+    """Prediction of each sample of a signal (P L,) from all repetitions: their mean or median plus its own line.
+
+    x_p(t) ~ a_p + b_p t + s(t), s from the good samples; s = 0 where no repetition has one.
+    """
+    X = np.where(blocks(good.astype(float), L) > 0, blocks(x, L, sign), np.nan)
+    t = np.linspace(-0.5, 0.5, L)
+    line = np.zeros_like(X)
+    # Offsets and shape depend on each other where samples are missing; so many rounds make them converge.
+    for _ in range(5):
+        away = X - _average(X - line, robust=True)
+        from_line = np.abs(away - line)
+        # A repetition without a good sample has no line of its own.
+        from_line[~np.isfinite(from_line).any(axis=1)] = 0.0
+        # A sample further from its line than so many median distances has no weight in it.
+        near = from_line <= 9.0 * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
+        line = _lines(np.where(near, away, np.nan), t)
+    common = line + _average(X - line, robust)
+    return np.asarray((common * float(sign) ** np.arange(len(X))[:, None]).ravel())
+
+
+def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
+    """X (P, L): the repetitions of a signal, each without its mean and its slope (least squares)."""
+    X = blocks(x, L, sign)
+    return np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+
+
+def scaled(drivers: FloatArray, N: int) -> FloatArray:
+    """X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
+    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
+    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
+    return np.asarray(X / np.where(size > 0, size, 1.0))
+
+
+def _average(X: FloatArray, robust: bool) -> FloatArray:
+    """Median or mean (L,) of the finite samples of each column of X (P, L); 0 where there is none."""
+    n = np.isfinite(X).sum(axis=0)
+    if not robust:
+        return np.asarray(np.nansum(X, axis=0) / np.maximum(n, 1))
+    # NaN is sorted to the end.
+    ordered = np.sort(X, axis=0)
+    middle = np.stack([np.maximum(n - 1, 0) // 2, np.minimum(n // 2, len(X) - 1)])
+    return np.where(n > 0, np.take_along_axis(ordered, middle, axis=0).mean(axis=0), 0.0)
+
+
+def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
+    """The straight line through the finite samples of each row of X (P, L)."""
+    good = np.isfinite(X)
+    n = np.maximum(good.sum(axis=1), 1)
+    values = np.where(good, X, 0.0)
+    mean_x, mean_t = values.sum(axis=1) / n, (good * t).sum(axis=1) / n
+    t_centred = np.where(good, t - mean_t[:, None], 0.0)
+    spread = (t_centred**2).sum(axis=1)
+    slope = (t_centred * values).sum(axis=1) / np.where(spread > 0, spread, 1.0)
+    return np.asarray(mean_x[:, None] + slope[:, None] * (t - mean_t[:, None]))
+
+
+def find_drift(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of signals (n, c), no driver, that drifts below the excited lines, slope removed."""
+    means = np.stack([blocks(signals[:, d], L, sign).mean(axis=0) for d in drivers])
+    sent = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)[1:]
+    lowest = 1 + int(np.flatnonzero(sent > LIMITS.min_excited_share * sent.max())[0])
+    findings = []
+    for c in range(signals.shape[1]):
+        X = flat(signals[:, c], L, sign)
+        mean = X.mean(axis=0)
+        repeating = np.abs(np.fft.rfft(mean)) ** 2
+        rest = np.mean(np.abs(np.fft.rfft(X - mean, axis=1)) ** 2, axis=0)
+        octave = slice(lowest, 2 * lowest + 1)
+        size = float(np.sqrt(rest[:lowest].sum() / max(repeating.sum(), 1e-300)))
+        leaks = rest[octave].sum() > LIMITS.min_leaked_power * repeating[octave].sum()
+        if c in drivers or not (size**2 > LIMITS.min_drift_power and leaks):
+            continue
+        text = (
+            f"{log.names[c]}: moves slowly without repeating, {size:.2g} times as far as with the excitation; its "
+            "leakage into the lowest lines counts as noise: let a carrier repeat with the period, or raise band_hz"
+        )
+        findings.append(Finding("drifting channels", 1, text))
+    return tuple(findings)

@@ -21,8 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.repeats import blocks, scaled
+from elastid.recorded.repair import Finding, Log, Repaired, blocks, scaled
 
 RESAMPLED = "samples resampled"
 # Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.

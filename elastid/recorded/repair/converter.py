@@ -14,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, in_runs, runs
-from elastid.recorded.repair.repeats import blocks, flat
+from elastid.recorded.repair import Finding, Log, blocks, flat, in_runs, runs
 
 CLIPPED = "samples at a limit"
 
@@ -24,20 +23,14 @@ CLIPPED = "samples at a limit"
 class ConverterLimits:
     """Limits of the findings on clipping and quantisation; their false-alarm rates are not measured."""
 
-    # Noise of steps is reported from this part of the signal on.
-    min_noise_share: float = 2e-3
-    # A signal of steps takes few values: on average each at least so many times.
-    min_repeats: float = 3.0
-    # Distance of a value from a whole number of steps, in steps, at most.
-    step_tolerance: float = 0.02
+    min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
+    min_repeats: float = 3.0  # a signal of steps takes few values: on average each at least so many times
+    step_tolerance: float = 0.02  # distance of a value from a whole number of steps, in steps, at most
     # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
     max_step_share: float = 0.01
-    # So many equal samples in a row are no peak.
-    min_run: int = 2
-    # Between two visits to a limit the signal leaves it by this part of its span.
-    min_departure: float = 0.05
-    # A single peak of a period may be flat; a limit is met at several places of a period.
-    min_places: int = 3
+    min_run: int = 2  # so many equal samples in a row are no peak
+    min_departure: float = 0.05  # between two visits to a limit the signal leaves it by this part of its span
+    min_places: int = 3  # a single peak of a period may be flat; a limit is met at several places of a period
     # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
     min_clipped_share: float = 0.002
     max_clipped_share: float = 0.05
@@ -45,8 +38,7 @@ class ConverterLimits:
     # so many samples on each side.
     max_rounding: float = 2.0
     min_side_samples: int = 3
-    # Values this close, as a part of the span, are equal.
-    equal_tolerance: float = 1e-9
+    equal_tolerance: float = 1e-9  # values this close, as a part of the span, are equal
 
 
 LIMITS = ConverterLimits()
@@ -106,13 +98,10 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
-    """Flags (n,) of the samples at the highest or lowest value."""
     span = np.max(x) - np.min(x)
-    if step(x) > LIMITS.max_step_share * span:
-        return np.zeros(len(x), dtype=np.bool_)
-    return np.asarray(
-        (np.max(x) - x <= LIMITS.equal_tolerance * span) | (x - np.min(x) <= LIMITS.equal_tolerance * span)
-    )
+    near = LIMITS.equal_tolerance * span
+    has_fine_steps = step(x) <= LIMITS.max_step_share * span
+    return np.asarray(has_fine_steps & ((np.max(x) - x <= near) | (x - np.min(x) <= near)))
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:

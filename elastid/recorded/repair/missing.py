@@ -2,11 +2,8 @@
 
 From a lost or doubled sample on every period is shifted by whole samples.  The place is where the sum of squares, with
 the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
-taken out, so that all periods are in step again.  Missing samples are filled from the same phase of other repetitions,
-or interpolated without a period.
-
-Gaps of a sample or two are filled by the cubic through the samples beside them; a longer gap is refused with the
-longest piece of the log that has none.
+taken out.  Missing samples are filled from the same phase of other repetitions; without a period gaps of a sample or
+two by the cubic through the samples beside them, while a longer gap is refused.
 """
 
 from __future__ import annotations
@@ -17,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, runs
-from elastid.recorded.repair.repeats import expected, scaled
+from elastid.recorded.repair import Finding, Log, Repaired, expected, runs, scaled
 
 DROPPED = "lost samples put back"
 DOUBLED = "doubled samples taken out"
@@ -32,16 +28,12 @@ _CUBIC_SAMPLES = 2
 class MissingLimits:
     """Limits of the search for shifts and of the filling of gaps; their false-alarm rates are not measured."""
 
-    # Periods in which shifts are searched for, at least.
-    min_periods: int = 4
-    # Larger shifts, as a part of the period, have other causes.
-    max_shift: float = 0.02
-    # A shift must leave at most this part of the power that does not repeat.
-    max_remaining_share: float = 0.5
+    min_periods: int = 4  # periods in which shifts are searched for, at least
+    max_shift: float = 0.02  # larger shifts, as a part of the period, have other causes
+    max_remaining_share: float = 0.5  # a shift must leave at most this part of the power that does not repeat
     # A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
     max_missing_of_repetition: float = 0.1
-    # A channel that lacks more than this part is refused.
-    max_missing_share: float = 1 / 3
+    max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
     # Without a period: samples of a gap at most, and the part of a channel that may be missing.
     max_gap: int = 2
     max_interpolated_share: float = 0.01
@@ -61,7 +53,10 @@ def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     X = scaled(drivers, N)
     if 2 * np.count_nonzero(_best_lags(_cross(X[1:], X[:-1]))) >= P - 1:
         return Repaired(signals)
-    reference = _reference(X)
+    # The mean (N, d) of the two consecutive periods that agree best, later ones first where all do.
+    apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
+    best = len(apart) - 1 - int(np.argmin(apart[::-1]))
+    reference = np.asarray((X[best] + X[best + 1]) / 2)
     lags = _lags(X, reference)
     jumps = np.flatnonzero(np.diff(lags)) + 1
     if jumps.size == 0:
@@ -81,13 +76,6 @@ def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
         findings.append(Finding(DROPPED if change < 0 else DOUBLED, abs(change), text))
         moved -= change
     return Repaired(result, tuple(findings))
-
-
-def _reference(X: FloatArray) -> FloatArray:
-    """The mean (N, d) of the two consecutive periods that agree best, later ones first where all do."""
-    apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
-    best = len(apart) - 1 - int(np.argmin(apart[::-1]))
-    return np.asarray((X[best] + X[best + 1]) / 2)
 
 
 def _cross(X: FloatArray, reference: FloatArray) -> FloatArray:

@@ -15,9 +15,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import STD_OVER_MAD
-from elastid.recorded.repair import Finding, Log, Repaired, runs
+from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
 from elastid.recorded.repair.converter import step
-from elastid.recorded.repair.repeats import expected
 
 REPLACED = "spikes replaced"
 
@@ -28,14 +27,12 @@ class SpikeLimits:
 
     min_sigmas: float = 8.0
     min_periods: int = 3
-    # Spikes of more than this part of a channel are no single ones.
-    max_share: float = 0.01
+    max_share: float = 0.01  # spikes of more than this part of a channel are no single ones
     # Samples: of the running median, of a spike at most, and of its neighbours on each side.
     median_window: int = 11
     max_run: int = 2
     neighbours: int = 6
-    # Distance of a spike over that of its neighbours, at least.
-    min_ratio: float = 6.0
+    min_ratio: float = 6.0  # distance of a spike over that of its neighbours, at least
 
 
 LIMITS = SpikeLimits()
@@ -57,7 +54,6 @@ def despiked_without_period(signals: FloatArray, log: Log) -> Repaired:
 
 
 def _replaced(signals: FloatArray, usual: Sequence[FloatArray], reference: str, value: str, log: Log) -> Repaired:
-    """Signals (n, c) without the spikes of each channel, relative to its usual values (n,)."""
     result, findings = signals.copy(), []
     for c, name in enumerate(log.names):
         x = signals[:, c]
@@ -79,7 +75,10 @@ def _spikes(x: FloatArray, expectation: FloatArray) -> tuple[IntArray, FloatArra
 
     e = x - expectation
     d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
-    least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
+    sigma = STD_OVER_MAD * float(np.median(d))
+    if sigma == 0:  # most samples agree exactly
+        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
+    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
     spikes, usual = [np.arange(0)], [x[:0]]
     for first, end in runs(np.asarray(d > least)):
         run = np.arange(first, end)
@@ -102,14 +101,6 @@ def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     coefficients = np.linalg.lstsq(powers, e[sides], rcond=None)[0]
     scatter = float(np.abs(e[sides] - powers @ coefficients).max())
     return np.asarray(np.vander((run - middle) / n, 3) @ coefficients), scatter
-
-
-def _threshold(d: FloatArray) -> float:
-    """8 sigma, sigma from the median; where most samples agree exactly, from the smaller 99 %."""
-    sigma = STD_OVER_MAD * float(np.median(d))
-    if sigma == 0:
-        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    return LIMITS.min_sigmas * sigma
 
 
 def _is_alone(d: FloatArray, run: IntArray) -> bool:

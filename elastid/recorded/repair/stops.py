@@ -29,8 +29,7 @@ class StopLimits:
     min_still_windows: int = 2
     # A signal stands still where it scatters by less than this part of its scatter at that phase in other repetitions.
     max_still_share: float = 0.1
-    # A signal moves at a phase where it scatters by this part of its median scatter.
-    min_moving_share: float = 0.2
+    min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
     # A torque is absent where it differs from that of other repetitions by this part of its rms.
     min_absent_share: float = 0.3
 

@@ -25,8 +25,16 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
-from elastid.recorded.responses.table import ResponseTable, dataset_table, struct_table, structs_in, text_table
-from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
+from elastid.recorded.responses.table import (
+    ResponseTable,
+    dataset_table,
+    is_universal_file,
+    struct_table,
+    structs_in,
+    text_table,
+    uff_contents,
+    uff_table,
+)
 from elastid.response import Covariance, FrequencyResponse
 
 
@@ -142,7 +150,6 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
 def _refuse_uncomputable(
     path: Path, G: ComplexArray, outputs: Sequence[ChannelSpec], inputs: Sequence[ChannelSpec]
 ) -> None:
-    """DataError for numbers whose squares overflow or vanish; zeros are allowed."""
     size = np.abs(np.where(G == 0, 1.0, G))
     # Squares of smaller values, and their products, vanish.
     worst = np.argwhere((size < 1e-60) | (size > MAX_COMPUTABLE))

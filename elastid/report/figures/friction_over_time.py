@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.follow import FollowedFriction
-from elastid.friction_study.innovations import FILTER
+from elastid.friction_study.follow import FILTER, FollowedFriction
 from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import units

@@ -13,8 +13,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_samples
-from elastid.friction_study.passes import MAX_HARMONIC, Pass, gravity_names, ripple_names
-from elastid.friction_study.plateaus import distinct_speeds
+from elastid.friction_study.passes import MAX_HARMONIC, Pass, distinct_speeds, gravity_names, ripple_names
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import POINTS, quantity, units
 

@@ -1,4 +1,4 @@
-"""Contradictions between the sections of a study, one file a section: names, counts, limits, units, files.
+"""Contradictions between the sections of a study: names, counts, limits, units, files.
 
 A check yields a Problem with the key path at which it stands. A rule that a section or a stage enforces as well is a
 function of theirs, called here for its place in the file.
@@ -9,10 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from elastid.study.checks.design import check_design
-from elastid.study.checks.estimator import check_estimator
-from elastid.study.checks.excitation import check_excitation, check_lines
-from elastid.study.checks.experiment import check_experiment, check_plan_keys, check_simulated, check_structure
+from elastid.study.checks.experiment import (
+    check_configurations,
+    check_count,
+    check_design,
+    check_estimator,
+    check_excitation,
+    check_lines,
+    check_plan_keys,
+    check_simulated,
+    check_structure,
+)
 from elastid.study.checks.fit import check_fit, check_model, check_moved_inertias
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
@@ -41,7 +48,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         if experiment.responses is not None:
             yield from check_responses(study, experiment.responses, base)
         return
-    yield from check_experiment(study)
+    yield from check_count(study)
+    yield from check_configurations(study)
     yield from check_estimator(study)
     yield from check_excitation(study)
     yield from check_design(study, base)
@@ -54,12 +62,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_model(("model",), study.model, study.robot)
     yield from check_moved_inertias(study)
     yield from check_fit(study)
-    yield from _check_validation(study)
-
-
-def _check_validation(study: Study) -> Iterator[Problem]:
-    """Configurations that are left out exist, and leave some to the fit."""
-    configurations, left_out = list(study.experiment.configurations), study.validation.left_out
+    configurations, left_out = list(experiment.configurations), study.validation.left_out
     yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")

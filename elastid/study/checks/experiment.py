@@ -1,15 +1,24 @@
-"""The section `experiment` against the rest of the study: configurations, simulated rig, studies without a robot."""
+"""`experiment`, `excitation`, `estimator` and `design` against each other and the robot, and studies without one."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.design.spec import CandidateSpec, DesignSpec, interest, robot_time_refusal
+from elastid.excitation.grids import line_count_refusal
+from elastid.excitation.phases import hadamard
+from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.disturbances import WarmingSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal, saturation_refusal
+from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec, carrier_refusal, chain_refusal, saturation_refusal
+from elastid.fit.setup.parameter_choice import choose
 from elastid.robot import Joint, Robot
 from elastid.study.checks.fit import check_model
 from elastid.study.checks.names import check_place, check_units
@@ -24,12 +33,6 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 _OF_A_ROBOT = ("excitation", "design", "model", "fit", "validation", "compare")
 
 
-def check_experiment(study: Study) -> Iterator[Problem]:
-    """Experiments of a realisation, and configurations."""
-    yield from _check_count(study)
-    yield from _check_configurations(study)
-
-
 def check_plan_keys(study: Study) -> Iterator[Problem]:
     """None of a plan where there is none: logs and responses have their own realisations and periods."""
     experiment = study.experiment
@@ -41,17 +44,16 @@ def check_plan_keys(study: Study) -> Iterator[Problem]:
                 "numbers realisations, estimator.transient_periods leaves periods out)"
             )
             yield Problem(("experiment", key), message, at_key=True)
+    if experiment.simulated is None and experiment.experiments is not None:
+        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
+        yield Problem(("experiment", "experiments"), message, at_key=True)
 
 
-def _check_count(study: Study) -> Iterator[Problem]:
+def check_count(study: Study) -> Iterator[Problem]:
     """As many experiments in a realisation as motors at most, and enough for the estimator."""
     experiment, excitation, estimator = study.experiment, study.excitation, study.estimator
     given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
-    if given is None:
-        return
-    if experiment.simulated is None:
-        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
-        yield Problem(path, message, at_key=True)
+    if given is None or experiment.simulated is None:
         return
     if given > n_u:
         yield Problem(
@@ -78,7 +80,7 @@ def _check_count(study: Study) -> Iterator[Problem]:
         )
 
 
-def _check_configurations(study: Study) -> Iterator[Problem]:
+def check_configurations(study: Study) -> Iterator[Problem]:
     """One angle for each driven joint, in its unit and within its limits, the swing of a carrier included."""
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
@@ -176,6 +178,174 @@ def check_structure(study: Study) -> Iterator[Problem]:
         path = ("experiment", "configurations", name)
         if refused := study.places.count_refusal(len(angles)):
             yield Problem(path, refused)
-    if experiment.experiments is not None:
-        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
-        yield Problem(("experiment", "experiments"), message, at_key=True)
+
+
+def check_excitation(study: Study) -> Iterator[Problem]:
+    """Given where the rig is simulated; torques for each motor, in its unit; signals that the realisations need."""
+    excitation, robot = study.excitation, study.as_robot()
+    if excitation is None:
+        if study.experiment.simulated is not None:
+            yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
+        return
+    if refused := excitation.realisation_refusal(study.experiment.realisations):
+        yield Problem(("excitation", "phases"), refused)
+    try:
+        if excitation.orthogonal == "hadamard":
+            hadamard(len(robot.driven))
+    except StudyError as error:
+        yield Problem(("excitation", "orthogonal"), str(error))
+    torque_rms = excitation.torque_rms
+    if isinstance(torque_rms, tuple) and (refused := robot.count_refusal(len(torque_rms), "torques")):
+        yield Problem(("excitation", "torque_rms"), f"{refused}, or one for all")
+    yield from check_units(("excitation", "torque_rms"), torque_rms, robot)
+
+
+def check_lines(study: Study) -> Iterator[Problem]:
+    """Enough lines for orthogonal sets and unknowns, some in each band, none where the carrier is."""
+    excitation, simulated = study.excitation, study.experiment.simulated
+    if excitation is None or simulated is None:
+        return
+    path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
+    try:
+        planned = planned_lines(excitation, study.seed)
+        unknowns = len(choose(study.fit, study.as_robot()).free)
+    except StudyError as error:
+        yield Problem(path, str(error))
+        return
+    lines = planned.excited
+    needed, noun = max((len(study.as_robot().driven), "motors"), (unknowns, "unknowns"))
+    if refused := line_count_refusal(len(lines), needed, noun):
+        yield Problem(path, refused)
+    freq_hz = lines / excitation.period
+    for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
+        if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
+            yield Problem(
+                (key, "band_hz"),
+                f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g}, "
+                f"{band[1]:g}] Hz; widen this band, or excite lines in it",
+            )
+    if simulated.carrier is not None:
+        analysed = np.concatenate([lines, planned.detection])
+        if refused := carrier_refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.as_robot().driven)):
+            yield Problem(("experiment", "simulated", "carrier"), refused)
+
+
+def check_estimator(study: Study) -> Iterator[Problem]:
+    """Records of periodic experiments with the motion of the motors, and more than one response explains."""
+    wanted, experiment = study.estimator.friction, study.experiment
+    if wanted not in ("coulomb", "curve"):  # `auto` leaves friction alone where it cannot be found
+        return
+    if experiment.responses is not None:
+        refusal = (
+            "responses from elsewhere have no records that show friction; take it out where they are estimated (list "
+            "their logs under experiment.recorded), or take none"
+        )
+    elif experiment.recorded is not None:
+        refusal = _refusal_of_logs(experiment.recorded)
+    else:
+        refusal = _refusal_of_rig(study, experiment.as_simulated())
+    if refusal:
+        yield Problem(("estimator", "friction"), f"{wanted}: {refusal}")
+
+
+def _refusal_of_rig(study: Study, simulated: SimulatedSpec) -> str:
+    motors, experiment, excitation = study.places.motor_locations, study.experiment, study.excitation
+    missing = [motor for motor in motors if simulated.outputs and motor not in simulated.outputs]
+    if missing:
+        return _refusal_of_outputs(missing, "add to experiment.simulated.outputs")
+    count = experiment.realisations * experiment.runs(len(motors))
+    if count > len(motors) or excitation is None or excitation.grid != "full":
+        return ""
+    return (
+        f"{count} experiments on a full grid agree with one response of {len(motors)} inputs whatever friction is; "
+        "give experiment.realisations: 2 or more, excitation.grid: odd, or take none"
+    )
+
+
+def _refusal_of_logs(recorded: RecordedSpec) -> str:
+    without = [file.path for file in recorded.files if recorded.period_of(file) is None]
+    if without:
+        return (
+            f"friction is found from differences between periodic experiments, and {without[0]} is recorded without a "
+            "period; give experiment.recorded.period (a time, or find), or take none"
+        )
+    inputs = dict.fromkeys(channel.at for channel in recorded.channels if channel.role == "u")
+    outputs = {channel.at for channel in recorded.channels if channel.role == "y"}
+    missing = [place for place in inputs if place not in outputs]
+    if missing:
+        return _refusal_of_outputs(missing, "give a channel of role y there in experiment.recorded.channels")
+    return ""
+
+
+def _refusal_of_outputs(missing: Sequence[str], how: str) -> str:
+    return (
+        f"friction is a function of the motors' own motion, and {', '.join(missing)} "
+        f"{'is' if len(missing) == 1 else 'are'} not among the outputs; {how}, or take none"
+    )
+
+
+_DESIGN: KeyPath = ("design",)
+_CANDIDATES: KeyPath = ("design", "candidates")
+
+
+def check_design(study: Study, base: Path) -> Iterator[Problem]:
+    """Every contradiction between the design and the rest of the study, whose files are relative to `base`."""
+    design = study.design
+    if design is None:
+        if not study.experiment.configurations:
+            problem = "no configuration is given; name at least one, or add a section `design` that chooses them"
+            yield Problem(("experiment", "configurations"), problem)
+        return
+    if study.experiment.recorded is not None:
+        problem = "the experiment is recorded: what was measured cannot be chosen any more; drop this section"
+        yield Problem(_DESIGN, problem, at_key=True)
+    if study.excitation is not None and study.experiment.simulated is not None:
+        n_u = len(study.as_robot().driven)
+        if refused := robot_time_refusal(design, study.excitation, study.experiment, n_u):
+            yield Problem((*_DESIGN, "robot_time"), refused)
+    yield from _check_parameters(study, design)
+    yield from _check_candidates(study, design.candidates)
+    earlier: list[tuple[KeyPath, str]] = [((*_DESIGN, "measured", i), path) for i, path in enumerate(design.measured)]
+    if design.noise.frf:
+        earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
+    for place, path in earlier:
+        if not os.path.isfile(responses_file(base, path)):
+            problem = f"no such measurement (looked for {responses_file(base, path)}); `elastid estimate` makes it"
+            yield Problem(place, problem)
+
+
+def responses_file(base: Path, path: str) -> Path:
+    """The frf.h5 that a run folder or a file stands for."""
+    given = base / path
+    return given / "frf.h5" if os.path.isdir(given) or not given.suffix else given
+
+
+def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
+    try:
+        names = choose(study.fit, study.as_robot()).free_names
+    except StudyError:
+        return  # reported where fit.parameters is checked
+    for i, pattern in enumerate(design.parameters):
+        try:
+            interest(names, [pattern])
+        except StudyError as error:
+            yield Problem((*_DESIGN, "parameters", i), str(error))
+
+
+def _check_candidates(study: Study, spec: CandidateSpec) -> Iterator[Problem]:
+    robot = study.as_robot()
+    if isinstance(spec.grid, tuple) and (refused := robot.count_refusal(len(spec.grid), "numbers")):
+        yield Problem((*_CANDIDATES, "grid"), refused)
+    yield from check_units((*_CANDIDATES, "margin"), spec.margin, robot)
+    for name, angles in spec.given.items():
+        path: KeyPath = (*_CANDIDATES, "given", name)
+        yield from check_units(path, angles, robot)
+        if refused := robot.count_refusal(len(angles)):
+            yield Problem(path, refused)
+        if name in study.experiment.configurations:
+            yield Problem(path, f"{name} is a configuration of experiment.configurations already; rename one", True)
+    bodies = [body.name for body in robot.bodies]
+    for name in spec.points:
+        if name not in bodies:
+            message = f"no body is called '{name}'; {did_you_mean(name, bodies)}"
+            yield Problem((*_CANDIDATES, "points", name), message, at_key=True)

@@ -12,6 +12,7 @@ from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inert
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import misnamed
 from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
 from elastid.robot import Body, Robot, unit_axis
 from elastid.study.checks.names import (
     check_names,
@@ -30,14 +31,24 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 def check_fit(study: Study) -> Iterator[Problem]:
     """All of the section that depends on others; the parameters themselves are checked as they get their units."""
     yield from _check_groups(study)
-    yield from _check_factors(study)
-    yield from _check_profile(study)
-    yield from _check_geometry(study)
-    yield from _check_inertias(study)
+    known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
+    for i, factor in enumerate(study.fit.weights.factors):
+        for place, noun, name in misnamed(factor, known):
+            yield unknown(("fit", "weights", "factors", i, *place), noun, name, known[str(place[0])])
+    try:
+        parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
+    except StudyError:
+        return  # reported where the parameters are checked
+    yield from _check_profile(study, parameters)
+    yield from _check_geometry(study, parameters)
+    # The start of a body's inertias is one that a body can have.
+    for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
+        entries = {parameters.names[place] for place in body.places}
+        keys = [key for key in study.fit.parameters if any(is_match(e, key.partition(SEPARATOR)[0]) for e in entries)]
+        yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
-    """Robots and other groups hold configurations that exist; where robots are named, each configuration is of one."""
     fit, configurations = study.fit, list_configurations(study)
     given: list[tuple[KeyPath, Sequence[str]]] = [
         (("fit", "robots", robot), names) for robot, names in fit.robots.items()
@@ -58,24 +69,11 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
-def _check_factors(study: Study) -> Iterator[Problem]:
-    """Factors name configurations, outputs and inputs that are measured."""
-    known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
-    for i, factor in enumerate(study.fit.weights.factors):
-        for place, noun, name in misnamed(factor, known):
-            yield unknown(("fit", "weights", "factors", i, *place), noun, name, known[str(place[0])])
-
-
-def _check_profile(study: Study) -> Iterator[Problem]:
-    """Parameters whose profile is requested are identified."""
+def _check_profile(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
     if isinstance(study.fit.profile, str):
         return
     from elastid.fit.uncertainty.intervals import match_names  # brings CasADi, which few checks need
 
-    try:
-        parameters = choose(study.fit, study.as_robot(), list(study.experiment.configurations))
-    except StudyError:
-        return  # reported where the parameters are checked
     for i, pattern in enumerate(study.fit.profile):
         try:
             match_names([pattern], parameters)
@@ -83,7 +81,7 @@ def _check_profile(study: Study) -> Iterator[Problem]:
             yield Problem(("fit", "profile", i), str(error).removeprefix("fit.profile: "))
 
 
-def _check_geometry(study: Study) -> Iterator[Problem]:
+def _check_geometry(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
     """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
     if not named_geometry(study.fit.parameters, study.as_robot()):
         return
@@ -92,26 +90,10 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
     configurations = study.experiment.configurations
     if any(study.as_robot().count_refusal(len(angles)) for angles in configurations.values()):
         return  # reported where the configurations are checked
-    try:
-        parameters = choose(study.fit, study.as_robot(), tuple(configurations))
-    except StudyError:
-        return  # reported where the parameters are checked
     for name, message in geometry_problems(parameters, study.as_robot(), configurations):
         keys = [key for key in study.fit.parameters if is_match(name.partition("@")[0], key)]
         yield Problem((*_PARAMETERS, *keys[-1:]), message)
         return
-
-
-def _check_inertias(study: Study) -> Iterator[Problem]:
-    """The start of a body's inertias is one that a body can have."""
-    try:
-        parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
-    except StudyError:
-        return  # reported where the parameters are checked
-    for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
-        entries = {parameters.names[place] for place in body.places}
-        keys = [key for key in study.fit.parameters if any(is_match(e, key.partition(SEPARATOR)[0]) for e in entries)]
-        yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
 
 
 def check_moved_inertias(study: Study) -> Iterator[Problem]:

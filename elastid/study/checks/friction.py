@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
-from elastid.study.checks.experiment import check_experiment, check_simulated
+from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
 from elastid.study.checks.names import unknown
 from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem
@@ -35,7 +34,8 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     if experiment.recorded is not None:
         yield from check_friction_logs(study, experiment.recorded, base)
         return
-    yield from check_experiment(study)
+    yield from check_count(study)
+    yield from check_configurations(study)
     if spec.passes == "detect":
         message = "detect is for logs (experiment.recorded), whose passes are there; give speeds, count, window ..."
         yield Problem(_PASSES, message)
@@ -46,7 +46,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_sections(study: Study) -> Iterator[Problem]:
-    """Sections of the other kind of study."""
     for name in ("excitation", "design"):
         if getattr(study, name) is not None:
             message = f"friction is measured by passes and loops, not by {name}; drop this section, or friction"
@@ -57,7 +56,6 @@ def _check_sections(study: Study) -> Iterator[Problem]:
 
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
-    """Joints exist and have a motor, each once."""
     driven = [joint.name for joint in study.as_robot().driven]
     named: dict[str, str] = {}
     for i, name in enumerate(spec.joints):
@@ -72,7 +70,6 @@ def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
 
 
 def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
-    """Windows and speeds in the joint's unit and within its limits."""
     limits, passes = joint.limits, spec.designed_passes
     for name, pair in (("window", passes.window), ("speeds", passes.speeds)):
         for i, value in enumerate(pair or ()):
@@ -95,7 +92,6 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
 
 
 def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem]:
-    """The posture exists, and a payload has a seat."""
     known = list(study.experiment.configurations)
     if load.configuration is not None and load.configuration not in known:
         yield unknown((*path, "configuration"), "configuration", load.configuration, known)
@@ -119,7 +115,9 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
-    if study.as_friction().law.temperature == "yes" and not _has_temperature(recorded):
+    has_temperature = any(channel.role == "t" for channel in recorded.channels)
+    has_temperature = has_temperature or any(file.temperature is not None for file in recorded.files)
+    if study.as_friction().law.temperature == "yes" and not has_temperature:
         yield Problem(
             ("friction", "law", "temperature"),
             "no log has a temperature; add a channel of role t and quantity temperature, give files[].temperature, or "
@@ -128,11 +126,11 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
 
 
 def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """Joints that are asked for by name have a torque and a position."""
     asked = study.as_friction().joints
     for joint in study.friction_joints if asked else ():
         torque = any(channel.role == "u" and channel.at == f"motor {joint.name}" for channel in recorded.channels)
-        position = any(_is_position(channel, joint.name) for channel in recorded.channels)
+        places = (f"motor {joint.name}", f"joint {joint.name}")
+        position = any(each.quantity == "position" and each.at in places for each in recorded.channels)
         if not (torque and position):
             missing = "role u" if not torque else "role y and quantity position"
             yield Problem(
@@ -144,7 +142,6 @@ def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Probl
 
 
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """A controller has gains for all joints and a reference in the logs, and a reference a controller."""
     controller, path = recorded.controller, (*_RECORDED, "controller")
     has_reference = any(channel.role == "reference" for channel in recorded.channels)
     if controller is None:
@@ -162,10 +159,6 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
         yield Problem(path, message, at_key=True)
 
 
-def _is_position(channel: ChannelSpec, joint: str) -> bool:
-    return channel.quantity == "position" and channel.at in (f"motor {joint}", f"joint {joint}")
-
-
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
     driven = [joint.name for joint in study.as_robot().driven]
     loads = [load.name for load in study.as_friction().loads]
@@ -177,8 +170,3 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     if study.experiment.as_recorded().period_of(file) is not None:
         message = "passes and loops of friction are evaluated without a period; leave period and period_samples out"
         yield Problem(path, message)
-
-
-def _has_temperature(recorded: RecordedSpec) -> bool:
-    by_hand = any(file.temperature is not None for file in recorded.files)
-    return by_hand or any(channel.role == "t" for channel in recorded.channels)

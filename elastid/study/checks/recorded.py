@@ -41,7 +41,6 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
 
 
 def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """A record without a period goes with estimators that need none."""
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without and study.estimator.method not in WITHOUT_PERIOD:
         yield Problem(
@@ -81,10 +80,7 @@ def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Itera
 def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
-    """Files exist and are of configurations that exist; each configuration has one.
-
-    In a study of friction a file needs no configuration.
-    """
+    """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
     configurations, is_friction = study.experiment.configurations, study.friction is not None
     for i, file in enumerate(files):
         place = base / file.path
@@ -103,7 +99,6 @@ def check_files(
 
 
 def _neighbours(place: Path) -> list[str]:
-    """The names of the files in the folder of a path; none where it cannot be looked into."""
     try:
         return sorted(each.name for each in place.parent.iterdir() if each.is_file())
     except (OSError, ValueError):

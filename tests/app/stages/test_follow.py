@@ -25,7 +25,7 @@ STUDY = f"""
 name: warm_axis
 robot: robot.yml
 friction: {{joints: [1]}}
-filter: {{states: [Fc, f, offset], drift: 0.5, drift_time: 1 min, settle: 5 s, torque_std: 0.05, correlation_time: 0}}
+filter: {{states: [Fc, f, offset], drift: 2.236, settle: 5 s, torque_std: 0.05, correlation_time: 0}}
 experiment:
   recorded:
     rate_hz: {RATE_HZ:g}

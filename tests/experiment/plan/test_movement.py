@@ -53,7 +53,7 @@ def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> N
     """No power on excited or detection lines; the velocity is near its amplitude for most of the time."""
     excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
     plan = make_plan(excitation, experiment(), arm(), 0)
-    carrier = CarrierSpec(kind="square", velocity=0.1, cutoff_hz=2.0)
+    carrier = CarrierSpec(kind="square", velocity=0.1)
     velocity = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples, 0]
     spectrum = np.abs(np.fft.rfft(velocity)) / len(velocity)
     analysed = np.concatenate([plan.lines, plan.detection])

@@ -96,7 +96,7 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     theta = levels.temperature - 20.0
     expected = [25.0 + (15.0 + 10.0 * math.expm1(-t / 15.0)) * v for t, v in zip(theta, levels.speed, strict=True)]
     np.testing.assert_allclose(levels.torque, expected, rtol=0.02)
-    blind = rig(spec, axis(law=WARM), heat=HeatSpec(conductance=0.5, has_thermometer=False))
+    blind = rig(spec, axis(law=WARM), heat=HeatSpec(conductance=0.5, thermometer_std=None))
     assert blind.measure(tests[0]).temperature is None
     assert np.isnan(blind.warm_ups()[0].temperature).all()
     with pytest.raises(StudyError, match=r"experiment.simulated.heat: a warm-up takes a joint that gets warm"):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.recorded.repair import Finding, counts
-from elastid.recorded.repair.repeats import flat
+from elastid.recorded.repair import Finding, counts, flat
 
 N, P = 500, 6
 
