@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 
-from elastid.app.run import Run, carry_out
+from elastid.app.run import Run, carry_out, logged_in
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
@@ -47,7 +47,7 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
     weights and criterion.  StudyError where there are no current responses, or but one model.
     """
     run.require("fit")  # reads what a comparison reads
-    with run.logged():
+    with logged_in(run.folder, run.jobs, run.console):
         models = list(variants(run.loaded, further))
         if len(models) < 2:
             raise StudyError(
@@ -189,7 +189,7 @@ def search_elasticity(run: Run) -> None:
     StudyError where there are no current responses, those of one configuration only, or nothing to search among.
     """
     run.require("fit")  # reads what a search reads
-    with run.logged():
+    with logged_in(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]

@@ -102,8 +102,7 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
 
 def _export_observers(run: Run) -> tuple[Path, ...]:
     """The filter of each joint that was followed, as C."""
-    if "follow" not in run.stages:
-        run.require_stage("follow")
+    run.require_stage("follow")
     run.require_result("follow")
     folder = clear_folder(run.folder, "export", OBSERVER)
     joints = read_filter(run.path("follow"))

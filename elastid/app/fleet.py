@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.provenance import software
 from elastid.app.run import Run, logged_in, run_all
+from elastid.app.work import software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving

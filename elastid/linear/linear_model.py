@@ -18,9 +18,8 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen, frozen_value
+from elastid.base.arrays import FloatArray, frozen, frozen_value, labelled
 from elastid.base.errors import check_theta, index_of
-from elastid.base.label import labelled
 from elastid.linear.measurement_chain import Element
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.robot import gain_name

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from elastid.base.label import NO_LABEL, Label, label_of
+from elastid.base.arrays import NO_LABEL, Label, label_of
 
 Form: TypeAlias = Literal["scalar", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
 _SCALARS = (bool, int, float, str)

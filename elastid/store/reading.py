@@ -15,9 +15,8 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import mapped, shown_range, shown_values, value_range
+from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
-from elastid.base.label import NO_LABEL, Label
 from elastid.store.artefacts import attributes, kind_of, opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES

@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import PIECE_VALUES, release
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, release, unit_of_name
 from elastid.base.escape import group_name
-from elastid.base.label import NO_LABEL, Label, unit_of_name
 from elastid.store.artefacts import TEXT, Stamp, created, put_text
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 

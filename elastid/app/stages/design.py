@@ -27,8 +27,7 @@ from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.design import write_movement, write_plan, write_torque
-from elastid.store.measured import read_responses
+from elastid.store.measured import read_responses, write_movement, write_plan, write_torque
 from elastid.store.results import read_fit
 from elastid.study.checks.design import responses_file
 

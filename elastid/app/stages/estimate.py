@@ -33,8 +33,7 @@ from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import kind_of
-from elastid.store.design import read_plan
-from elastid.store.measured import read_configurations, read_records, read_responses, write_responses
+from elastid.store.measured import read_configurations, read_plan, read_records, read_responses, write_responses
 
 
 def estimate(

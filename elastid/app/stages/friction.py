@@ -32,7 +32,6 @@ from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.design import write_pass_reference, write_torque_reference
 from elastid.store.friction_study import (
     FRICTION,
     read_filter,
@@ -45,6 +44,7 @@ from elastid.store.friction_study import (
     write_friction_result,
     write_levels,
 )
+from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
 from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance

@@ -18,9 +18,8 @@ from elastid.record import FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.design import read_plan
 from elastid.store.files import remove_leftovers
-from elastid.store.measured import read_records, write_records
+from elastid.store.measured import read_plan, read_records, write_records
 
 
 def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work) -> Artefacts:

@@ -27,8 +27,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store.design import read_plan
-from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
+from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
 from elastid.store.results import read_fit, write_validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
