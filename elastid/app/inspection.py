@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -18,7 +18,7 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.nonlinear.result import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
-from elastid.recorded.files.log import ArrayLog, StoredArray
+from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE
@@ -51,48 +51,35 @@ class SignalSummary:
         return (self.name, " x ".join(map(str, self.shape)), self.unit, *numbers)
 
 
-def signal_summary(name: str, array: StoredArray) -> SignalSummary:
-    """Of an array, read in pieces where its format can."""
+def _signal_summary(
+    name: str, shape: tuple[int, ...], unit: str, pieces: Iterator[NDArray[Any]], rate_hz: float | None = None
+) -> SignalSummary:
+    """Of a signal in pieces."""
     try:
-        blocks = array.blocks()
-        start = next(blocks, np.zeros(0))
-        values = value_range(chain([start], blocks))
+        start = next(pieces, np.zeros(0))
+        values = value_range(chain([start], pieces))
     except DataError as error:
-        return SignalSummary(name, array.shape, array.units, None, f"cannot be read: {error}")
-    return SignalSummary(name, array.shape, array.units, values, _remark(start, values, array.rate_hz))
-
-
-def text_summaries(log: TextLog) -> list[SignalSummary]:
-    """Of every column of a text log, those with words among them as well."""
-    named = log.named_columns()
-    try:
-        columns: Iterable[FloatArray | DataError] = log.columns(range(len(named))).T
-    except DataError:
-        columns = [_column(log, i) for i in range(len(named))]
-    return [_of_column(name, shape, x) for (name, shape), x in zip(named, columns, strict=True)]
-
-
-def _column(log: TextLog, i: int) -> FloatArray | DataError:
-    try:
-        return log.columns([i])[:, 0]
-    except DataError as error:
-        return error
-
-
-def _of_column(name: str, shape: tuple[int, ...], x: FloatArray | DataError) -> SignalSummary:
-    if isinstance(x, DataError):
-        return SignalSummary(name, shape, "", None, f"cannot be read: {x}")
-    values = value_range([x])
-    return SignalSummary(name, shape, "", values, _remark(x, values, None))
-
-
-def _remark(start: NDArray[Any], values: ValueRange, rate_hz: float | None) -> str:
+        return SignalSummary(name, shape, unit, None, f"cannot be read: {error}")
     remarks = [f"{values.missing} values are not finite"] if values.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
     elif (step := _even_step(start)) is not None:
         remarks.append(f"rises evenly: {1 / step:.6g} Hz if it is the time in s")
-    return "; ".join(remarks)
+    return SignalSummary(name, shape, unit, values, "; ".join(remarks))
+
+
+def _text_summaries(log: TextLog) -> list[SignalSummary]:
+    """Of every column of a text log, those with words among them as well."""
+    named = log.named_columns()
+    try:
+        columns: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
+    except DataError:
+        columns = [_column(log, i) for i in range(len(named))]
+    return [_signal_summary(name, shape, "", x) for (name, shape), x in zip(named, columns, strict=True)]
+
+
+def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
+    yield log.columns([i])[:, 0]
 
 
 def _even_step(start: NDArray[Any]) -> float | None:
@@ -129,11 +116,9 @@ def described(path: Path) -> str:
 def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
-    if kind_of(path) is not None:
-        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}.get(
-            kind_of(path) or "", lambda _: iter(())
-        )
-        return [described_artefact(path), *numbers(path)]
+    if (kind := kind_of(path)) is not None:
+        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}
+        return [described_artefact(path), *(numbers[kind](path) if kind in numbers else ())]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
     if path.suffix.lower() in _WITHOUT_SIGNALS and is_as_written(path):
@@ -148,14 +133,17 @@ def _lines(path: Path) -> list[str]:
 
 
 def _log_lines(path: Path) -> list[str]:
-    """The signals of a log, and whatever else is in it."""
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
         if isinstance(log, TextLog):
-            signals, contents = text_summaries(log), []
+            signals, contents = _text_summaries(log), []
         else:
             arrays = log.arrays if isinstance(log, ArrayLog) else {}
-            signals = [signal_summary(name, array) for name, array in arrays.items() if array.is_signal]
+            signals = [
+                _signal_summary(name, array.shape, array.units, array.blocks(), array.rate_hz)
+                for name, array in arrays.items()
+                if array.is_signal
+            ]
             contents = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
@@ -186,16 +174,19 @@ def _other(array: Any) -> str:
         return str(error)
 
 
+def _number_line(name: str, value: float, unit: str, std: float | None, interval: Sequence[float] = ()) -> str:
+    """A number with its standard deviation and 95 % interval, where it has any."""
+    number = f"    {name} = {value:.6g} {unit}".rstrip()
+    return number if std is None else f"{number} ({std:.2g}; {interval[0]:.6g} to {interval[1]:.6g})"
+
+
 def _parameters(path: Path) -> Iterator[str]:
-    """The identified parameters of a fit, with standard deviation and 95 % interval."""
     result = read_fit(path)
     yield f"  {result.status}; parameters (standard deviation; 95 % interval):"
     for parameter in result.parameters:
-        value = f"    {parameter.name} = {result.values[parameter.name]:.6g} {parameter.unit}"
-        if parameter.name in result.std:
-            low, high = result.interval(parameter.name)
-            value += f" ({result.std[parameter.name]:.2g}; {low:.6g} to {high:.6g})"
-        yield value.rstrip()
+        name, std = parameter.name, result.std.get(parameter.name)
+        interval = () if std is None else result.interval(name)
+        yield _number_line(name, result.values[name], parameter.unit, std, interval)
 
 
 def _friction(path: Path) -> Iterator[str]:
@@ -207,25 +198,22 @@ def _friction(path: Path) -> Iterator[str]:
         yield "  friction taken out of the torque, link side (standard deviation; 95 % interval):"
     for row in friction_rows(friction):
         if row.level is not None and row.std is not None and row.interval is not None:
-            low, high = row.interval
-            yield f"    {row.place}: F_c = {row.level:.6g} {row.unit} ({row.std:.2g}; {low:.6g} to {high:.6g})"
+            yield _number_line(f"{row.place}: F_c", row.level, row.unit, row.std, row.interval)
     yield from (f"  {note}" for note in friction.notes if note.code != "friction-taken-out")
 
 
 def _friction_numbers(path: Path) -> Iterator[str]:
-    """The numbers of friction that were identified, with standard deviation and 95 % interval; and what was not."""
+    """The numbers of friction that were identified, and what was not."""
     result = read_friction_result(path)
     yield f"  {result.status}; friction, link side (standard deviation; 95 % interval):"
     for each in result.numbers:
-        value = f"    {each.name} = {each.value:.6g} {each.unit}".rstrip()
-        yield f"{value} ({each.std:.2g}; {each.low:.6g} to {each.high:.6g})"
+        yield _number_line(each.name, each.value, each.unit, each.std, (each.low, each.high))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             yield f"  no {refusal.part} (joint {', '.join(refusal.joints)}): {refusal.reason}"
 
 
 def _json_lines(path: Path) -> Iterator[str]:
-    """The numbers and texts of summary.json and the like; DataError where it is no JSON."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elastid.app.work import Write, text
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -28,7 +28,6 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
-from elastid.store.files import text_file
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin import BandBalance, TorqueBalance
@@ -40,12 +39,14 @@ if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not nee
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
-    """The modes of the fitted model with its motors free, configuration by configuration."""
+    """The modes of the fitted model with its motors free, configuration by configuration.
+
+    Frequencies and damping, who moves, where the energy is, and the robot's sticks.
+    """
     return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
 
 
 def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
-    """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
     configuration = model.configuration
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
@@ -55,24 +56,17 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     return ModeRow(
-        configuration.name,
-        modal.freq_hz,
-        modal.zeta,
-        deviations.freq_std,
-        deviations.zeta_std,
-        elastic.coordinates,
-        shapes,
+        *(configuration.name, modal.freq_hz, modal.zeta, deviations.freq_std, deviations.zeta_std),
+        *(elastic.coordinates, shapes),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
         energy=np.vstack([energy.share, energy.load]),
         drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
     )
 
 
-def write_summary(path: Path, content: Mapping[str, Any]) -> None:
-    """A summary as JSON, whole or not at all; null in place of numbers that are not finite."""
-    with text_file(path) as file:
-        json.dump(json_value(content), file, indent=1, allow_nan=False)
-        file.write("\n")
+def as_json(content: Mapping[str, Any]) -> Write:
+    """Writes a summary as JSON; null in place of numbers that are not finite."""
+    return text(json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
 
 
 def section(value: Any, names: str) -> dict[str, Any]:

@@ -142,41 +142,23 @@ def silent(done: int, total: int) -> None:
     """Progress that is not shown."""
 
 
-def unordered(
-    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
-) -> Iterator[tuple[int, Value]]:
-    """(index, function(item)) as they finish; in this process for one job or one item.
-
-    function and items must pickle; the function goes to each worker once. The item of a worker that dies is done again.
-    On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
-    Raises ElastidError where workers die again and again.
-    """
-    progress(0, len(items))
-    if min(jobs, len(items)) <= 1 and not SCHEDULER.get():
-        for index, item in enumerate(items):
-            yield index, function(item)
-            progress(index + 1, len(items))
-        return
-    address = SCHEDULER.get()
-    results = _by_cluster(address, function, items) if address else _by_processes(function, items, jobs)
-    for done, result in enumerate(results, start=1):
-        yield result
-        progress(done, len(items))
-
-
 def surviving(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
 ) -> Iterator[tuple[int, Value | None]]:
-    """`unordered`, always in other processes: a worker that dies costs the item that it was at, (index, None).
+    """`Execution.unordered`, always in other processes: a worker that dies costs the item that it was at: None.
 
     For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
     """
-    progress(0, len(items))
     address = SCHEDULER.get()
     results = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
+    return _counted(results, len(items), progress)
+
+
+def _counted(results: Iterable[Value], total: int, progress: Progress) -> Iterator[Value]:
+    progress(0, total)
     for done, result in enumerate(results, start=1):
         yield result
-        progress(done, len(items))
+        progress(done, total)
 
 
 @dataclass(frozen=True)
@@ -198,11 +180,22 @@ class Execution:
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        return ordered(function, items, self.jobs, self.progress)
+        return in_order(self.unordered(function, items))
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-        """(index, function(item)) as they finish."""
-        return unordered(function, items, self.jobs, self.progress)
+        """(index, function(item)) as they finish; in this process for one job or one item.
+
+        function and items must pickle; the function goes to each worker once. The item of a worker that dies is done
+        again. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+        Raises ElastidError where workers die again and again.
+        """
+        if address := SCHEDULER.get():
+            results = _by_cluster(address, function, items)
+        elif min(self.jobs, len(items)) <= 1:
+            results = ((index, function(item)) for index, item in enumerate(items))
+        else:
+            results = _by_processes(function, items, self.jobs)
+        return _counted(results, len(items), self.progress)
 
     def resumed(
         self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
@@ -216,7 +209,8 @@ class Execution:
         def with_known(done: int, total: int) -> None:
             self.progress(done + len(known), total + len(known))
 
-        for place, value in unordered(function, [items[index] for index in todo], self.jobs, with_known):
+        shown = replace(self, progress=with_known)
+        for place, value in shown.unordered(function, [items[index] for index in todo]):
             self.checkpoint[names[todo[place]]] = value
             yield todo[place], value
 
@@ -292,11 +286,9 @@ def _main_is_unguarded() -> bool:
         return False
 
 
-def ordered(
-    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
-) -> list[Value]:
+def ordered(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> list[Value]:
     """[function(item) for item in items], computed by several processes."""
-    return in_order(unordered(function, items, jobs, progress))
+    return Execution(jobs).ordered(function, items)
 
 
 def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:

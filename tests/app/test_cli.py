@@ -384,11 +384,11 @@ def stop(*_, **__):
 stage = sys.argv[1]
 module = None if stage == "none" else import_module(f"elastid.app.stages.{stage}")
 if stage == "measure":
-    inner = module._measure_one
-    def measure_one(rig, folder, stamp, experiment):
-        inner(rig, folder, stamp, experiment)
+    inner = module._measure_part
+    def measure_part(*arguments):
+        inner(*arguments)
         stop()
-    module._measure_one = measure_one
+    module._measure_part = measure_part
 elif stage == "report":
     import elastid.report.page.page as page
     page.html = stop

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +34,8 @@ def follow_friction(
     measured, result = read_friction_records(measure_file), read_friction_result(friction_file)
     followed, notes = [], []
     for joint in result.joints:
-        records = followed_records(measured, joint.joint)
         try:
-            followed.append(_followed(robot, joint, records, filter))
+            followed.append(_followed(robot, joint, _records_of(measured, joint.joint), filter))
         except StudyError as error:
             notes.append(Note("not-followed", str(error)))
     if not followed:
@@ -51,7 +49,7 @@ def follow_friction(
     return Artefacts({"filter.h5": lambda path, stamp: write_filter(path, tuple(followed), stamp)}, report)
 
 
-def followed_records(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
+def _records_of(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
     """The motions of a joint that moved alone, in the order of time."""
     together = [record.name for record in measured.records]
     own = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
@@ -60,15 +58,26 @@ def followed_records(measured: FrictionRecords, joint: str) -> tuple[FrictionRec
 
 
 def _followed(
-    robot: Robot, joint: JointFriction, records: tuple[FrictionRecord, ...], spec: FilterSpec
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
 ) -> FollowedFriction:
+    """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
+    name = identified.joint
     if not records:
         raise StudyError(
-            f"joint {joint.joint} has no motion in which it moves alone, with the torque of gravity known; record one"
+            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one"
         )
-    ready = followable(robot, joint, records, spec)
+    if identified.friction is None or identified.viscous is None:
+        raise StudyError(f"joint {name}: no friction was identified from which a filter could start")
+    laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
+    law = next(each for each in laws if each.place == f"motor {name}")
+    joint = _joint(robot, identified, records, spec, law, identified.viscous)
+    motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
+    angle = max(_count(record) for record in records) / np.sqrt(12)
+    drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
+    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
+    noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
     return follow(
-        joint.joint, joint.slides, ready.joint, ready.motions, ready.rate_hz, ready.noise, spec.settle,
+        name, identified.slides, joint, motions, records[0].rate_hz, noise, spec.settle,
         find_noise=spec.torque_std is None,
     )  # fmt: skip
 
@@ -80,36 +89,6 @@ def _words(followed: FollowedFriction) -> str:
         for i, name in enumerate(followed.names)
     ]
     return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}"
-
-
-@dataclass(frozen=True)
-class Followable:
-    """A joint as a filter has it, its motions, and its noise as far as it is known beforehand."""
-
-    joint: FollowedJoint
-    motions: tuple[Motion, ...]
-    rate_hz: float
-    noise: FilterNoise
-
-
-def followable(
-    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
-) -> Followable:
-    """The joint of a study; StudyError where no friction was identified from which a filter could start."""
-    if identified.friction is None or identified.viscous is None:
-        raise StudyError(f"joint {identified.joint}: no friction was identified from which a filter could start")
-    law = next(
-        each
-        for each in frictions(with_laws(robot, {identified.joint: (identified.friction, identified.viscous)}))
-        if each.place == f"motor {identified.joint}"
-    )
-    joint = _joint(robot, identified, records, spec, law, identified.viscous)
-    motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
-    angle = max(_count(record) for record in records) / np.sqrt(12)
-    drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
-    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
-    correlated = torque if spec.correlation_time > 0 else 0.0
-    return Followable(joint, motions, records[0].rate_hz, FilterNoise(float(angle), torque, correlated, drift=drift))
 
 
 def _joint(
@@ -162,7 +141,6 @@ def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
 
 
 def _inertia(identified: JointFriction) -> float:
-    """Inertia of all that a rigid joint moves."""
     if identified.motion is not None:
         return identified.motion.chosen["inertia"]
     if identified.levels is not None and "inertia" in identified.levels.shared:

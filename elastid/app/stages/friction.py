@@ -9,15 +9,14 @@ from pathlib import Path
 from elastid.app.console import Console, friction_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
-from elastid.app.stages.measure import gather_records, measure_parts, report_count
+from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
-from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
-from elastid.app.work import Artefacts, Work, text
+from elastid.app.summaries import as_json, failed_friction, friction_study_summary
+from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.design.friction import design_friction
-from elastid.experiment.plan.friction import FrictionPlan, FrictionRig, PlannedMotion, pass_reference
+from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -26,6 +25,7 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.spec import FrictionSpec, LoadSpec
+from elastid.record import FrictionRecord
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
@@ -72,17 +72,14 @@ def design_motions(
         for sentence in (*plan.known, *plan.unknown):
             console.say(f"design: {sentence}")
 
-    return Artefacts(
-        {
-            "references": partial(_write_motions, plan),
-            "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
-        },
-        report,
-    )
+    files: dict[str, Write] = {
+        "references": partial(_write_motions, plan),
+        "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
+    }
+    return Artefacts(files, report)
 
 
 def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
-    """A file for each motion."""
     shutil.rmtree(folder, ignore_errors=True)
     limits = {each.joint: each.limits for each in plan.designs}
     for motion in plan.motions:
@@ -98,14 +95,13 @@ def simulate_motions(
 ) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
     rig = SimulatedFrictionRig(robot, experiment, read_friction_plan(design_file), seed)
-    measure_parts(work, rig.motions, partial(_measure_motion, rig), "motions")
-    notes: list[Note] = []
+    records, report = measure_parts(work, rig.motions, rig.measure, _records_in, write_friction_records, "motions")
+    files = {"records.h5": lambda path, stamp: write_friction_records(path, records, stamp, rig.warm_ups())}
+    return Artefacts(files, report)
 
-    def write(path: Path, stamp: Stamp) -> None:
-        records = gather_records(work.parts, rig.motions, lambda part: read_friction_records(part).records, notes)
-        write_friction_records(path, records, rig.warm_ups(), stamp=stamp)
 
-    return Artefacts({"records.h5": write}, partial(report_count, notes, len(rig.motions)))
+def _records_in(path: Path) -> tuple[FrictionRecord, ...]:
+    return read_friction_records(path).records
 
 
 def import_motions(
@@ -121,18 +117,10 @@ def import_motions(
     joints, payloads = [joint.name for joint in friction_joints], {load.name: load.payload for load in loads}
     logs = read_friction_logs(robot, experiment, files, joints, payloads)
     notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
-    return Artefacts(
-        {
-            "records.h5": lambda path, stamp: write_friction_records(
-                path, logs.records, logs.warm_ups, logs.notes, stamp
-            )
-        },
-        partial(report_count, notes, len(logs.records)),
-    )
-
-
-def _measure_motion(rig: FrictionRig, path: Path, stamp: Stamp, motion: PlannedMotion) -> None:
-    write_friction_records(path, [rig.measure(motion)], stamp=stamp)
+    parts: dict[str, Write] = {
+        "records.h5": lambda path, stamp: write_friction_records(path, logs.records, stamp, logs.warm_ups, logs.notes)
+    }
+    return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
 def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
@@ -166,13 +154,11 @@ def friction(
     try:
         result = identify_friction(robot, joint_levels, measured, friction, truth)
     except FitError as error:
-        failed = failed_friction(name, str(error))
-        return Artefacts({"summary.json": lambda path, stamp: write_summary(path, failed)}, error=error)
+        return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
     twin = TwinFindings(friction_balances(result.joints, measured), runs)
-    content = friction_study_summary(name, result, twin)
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
@@ -185,7 +171,7 @@ def friction(
 
     return Artefacts(
         {
-            "summary.json": lambda path, stamp: write_summary(path, content),
+            "summary.json": as_json(friction_study_summary(name, result, twin)),
             "identified_robot.yml": text(robot_of_friction(name, robot, result)),
             "friction.h5": lambda path, stamp: write_friction_result(path, result, stamp, twin),
         },
@@ -222,7 +208,8 @@ def conclude(run: Run) -> None:
     run.console.table(friction_table(result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
-            run.console.say(f"{_joints(refusal.joints)}: no {refusal.part}: {refusal.reason}")
+            joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
+            run.console.say(f"{joints}: no {refusal.part}: {refusal.reason}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     for path in (run.folder / name for name in leaves):
         if path.exists():
@@ -232,10 +219,6 @@ def conclude(run: Run) -> None:
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")
     meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
-
-
-def _joints(names: tuple[str, ...]) -> str:
-    return f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
 def _level_words(joint: JointLevels) -> str:

@@ -154,23 +154,23 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
 @pytest.mark.slow
 def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import friction as measuring
+    from elastid.app.stages import measure as measuring
 
     folder = copied(tmp_path / "study")
     run_stage(run_of(folder, *SMALL), "design")
-    whole, done = measuring._measure_motion, []
+    whole, done = measuring._measure_part, []
 
-    def stopped(rig, path, stamp, motion):  # type: ignore[no-untyped-def]
+    def stopped(measure, write, stamp, file):  # type: ignore[no-untyped-def]
         if len(done) == 3:
             raise KeyboardInterrupt
-        done.append(motion.name)
-        whole(rig, path, stamp, motion)
+        done.append(file)
+        whole(measure, write, stamp, file)
 
-    monkeypatch.setattr(measuring, "_measure_motion", stopped)
+    monkeypatch.setattr(measuring, "_measure_part", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_stage(run_of(folder, *SMALL), "measure")
     assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
-    monkeypatch.setattr(measuring, "_measure_motion", whole)
+    monkeypatch.setattr(measuring, "_measure_part", whole)
     run_stage(run_of(folder, *SMALL), "measure")
     resumed = (folder / "run" / "records.h5").read_bytes()
     run_stage(run_of(folder, *SMALL), "measure")
