@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray, ValueRange, shown_values, value_range
+from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
@@ -72,10 +73,10 @@ def _text_summaries(log: TextLog) -> list[SignalSummary]:
     """Of every column of a text log, those with words among them as well."""
     named = log.named_columns()
     try:
-        columns: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
+        signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
     except DataError:
-        columns = [_column(log, i) for i in range(len(named))]
-    return [_signal_summary(name, shape, "", x) for (name, shape), x in zip(named, columns, strict=True)]
+        signals = [_column(log, i) for i in range(len(named))]
+    return [_signal_summary(name, shape, "", x) for (name, shape), x in zip(named, signals, strict=True)]
 
 
 def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
@@ -148,19 +149,12 @@ def _log_lines(path: Path) -> list[str]:
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
-        lines += _table(signals)
+        rows = [(*_COLUMNS, ""), *((*signal.cells, signal.remark) for signal in signals)]
+        lines += [f"  {line}" for line in columns(rows)]
         lines += ["other contents, which cannot be channels:", *contents] if contents else []
     if not signals and path.suffix.lower() == ".mat":
         lines.append(f"  {_OBJECTS}; {HOW_TO_SAVE}")
     return lines
-
-
-def _table(signals: Sequence[SignalSummary]) -> Iterator[str]:
-    rows = [_COLUMNS, *(signal.cells for signal in signals)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
-    for row, remark in zip(rows, ("", *(signal.remark for signal in signals)), strict=True):
-        cells = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        yield f"  {cells}  {remark}".rstrip()
 
 
 def _other(array: Any) -> str:
