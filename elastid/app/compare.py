@@ -7,14 +7,13 @@ in compare.partial until all are there, from where an interrupted comparison or 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 
 from elastid.app.run import Run, carry_out, logged_in
+from elastid.app.work import hash_of
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
@@ -110,9 +109,10 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
     sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
+    gears = range(len(robot.gears))
     moved = [
-        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in range(n)))
-        for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
+        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in gears))
+        for side in ("before", "after")
         if sides and sides != {side}
     ]
     return (*_of_loops(study), *coupling, *moved, *rigid)
@@ -179,8 +179,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[Fr
 
 def _key(task: RefitTask, run: Run) -> str:
     """The name of a finished fit: a hash of everything that it depends on except the code."""
-    document = [asdict(task), run.stamps["estimate"].inputs]
-    return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"
+    return f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}"
 
 
 def search_elasticity(run: Run) -> None:

@@ -134,20 +134,16 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
     try:
         run_all(run)
     except FitError as error:  # the summary says how the fit ended
-        return Outcome(member.robot, member.date, _status(run.folder) or "failed", str(error))
+        return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")) or "failed", str(error))
     except (ElastidError, OSError, MemoryError) as error:
         return Outcome(member.robot, member.date, "failed", str(error))
-    return Outcome(member.robot, member.date, _status(run.folder), "")
+    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")), "")
 
 
 def _summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.json"
     summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     return summary
-
-
-def _status(folder: Path) -> str:
-    return str(_summary(folder).get("status", ""))
 
 
 def _rows(folder: Path, member: Member) -> Iterator[Row]:

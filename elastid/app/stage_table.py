@@ -78,9 +78,9 @@ class Stage:
 
     name: str
     kinds: tuple[str, ...]
-    values: tuple[Value, ...]
     leaves: tuple[str, ...]
     function: str
+    values: tuple[Value, ...]
     help: str = ""
     sources: tuple[Source, ...] = ()
     files: Callable[[Mapping[str, Any], Path], NamedFiles] | None = None
@@ -167,163 +167,165 @@ DESIGN_PART = Source("design", part=True)
 # Values of everything that is said of a fit: the truth of a simulated rig among them.
 FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
 
+# A row: name, kinds, leaves, function; then what it is handed, and what else is particular to it.
 STAGES = (
     Stage(
-        name="design",
-        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
-        kinds=(SIMULATED,),
+        "design",
+        (SIMULATED,),
+        ("plan.h5",),
+        "elastid.app.stages.design:design",
         values=(
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
             *values("estimator.quantity", "estimator.friction"),
             Value("fit", without=SEARCH),
         ),
-        leaves=("plan.h5",),
-        function="elastid.app.stages.design:design",
         files=earlier_measurements,
         patterns=("references/*.csv",),
         part=plan_values,
-    ),
+        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
+    ),  # fmt: skip
     Stage(
-        name="measure",
-        help="Simulate the experiments or import the recorded logs: records.h5.",
-        kinds=(SIMULATED,),
+        "measure",
+        (SIMULATED,),
+        ("records.h5",),
+        "elastid.app.stages.measure:simulate",
         values=values("seed", "robot", "experiment"),
         sources=(DESIGN_PART,),
-        leaves=("records.h5",),
-        function="elastid.app.stages.measure:simulate",
-    ),
+        help="Simulate the experiments or import the recorded logs: records.h5.",
+    ),  # fmt: skip
     Stage(
-        name="measure",
-        kinds=(RECORDED, FRF),
+        "measure",
+        (RECORDED, FRF),
+        ("records.h5",),
+        "elastid.app.stages.measure:import_logs",
         values=values("places", "experiment"),
-        leaves=("records.h5",),
-        function="elastid.app.stages.measure:import_logs",
         files=logs,
-    ),
+    ),  # fmt: skip
     Stage(
-        name="estimate",
-        help="Estimate the frequency responses with their covariance: frf.h5.",
-        kinds=(SIMULATED, RECORDED, FRF),
+        "estimate",
+        (SIMULATED, RECORDED, FRF),
+        ("frf.h5",),
+        "elastid.app.stages.estimate:estimate",
         values=values("robot", "estimator"),
         sources=(DESIGN_PART, Source("measure")),
-        leaves=("frf.h5",),
-        function="elastid.app.stages.estimate:estimate",
-    ),
+        help="Estimate the frequency responses with their covariance: frf.h5.",
+    ),  # fmt: skip
     Stage(
-        name="estimate",
-        kinds=(RESPONSES, FRF_RESPONSES),
+        "estimate",
+        (RESPONSES, FRF_RESPONSES),
+        ("frf.h5",),
+        "elastid.app.stages.estimate:import_responses",
         values=values("robot", "places", "experiment", "estimator"),
-        leaves=("frf.h5",),
-        function="elastid.app.stages.estimate:import_responses",
         files=responses,
-    ),
+    ),  # fmt: skip
     Stage(
-        name="fit",
-        help="Fit the elastic parameters: fit.h5 and summary.json.",
-        kinds=WITH_A_ROBOT,
+        "fit",
+        WITH_A_ROBOT,
+        ("fit.h5", "summary.json"),
+        "elastid.app.stages.fit:fit",
         values=(*FITTED, Value("validation.left_out")),
         sources=(Source("estimate"),),
-        leaves=("fit.h5", "summary.json"),
-        function="elastid.app.stages.fit:fit",
         patterns=("identified_robot*.yml",),
         outdates=("validate",),
         conclude="elastid.app.stages.fit:conclude",
-    ),
+        help="Fit the elastic parameters: fit.h5 and summary.json.",
+    ),  # fmt: skip
     Stage(
-        name="validate",
-        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
-        kinds=WITH_A_ROBOT,
+        "validate",
+        WITH_A_ROBOT,
+        ("validation.h5", "validation.json"),
+        "elastid.app.stages.validate:validate",
         values=(*FITTED, *values("seed", "estimator", "validation")),
         sources=(
             Source("design", part=True, optional=True),
             Source("measure", optional=True),
-            *(Source("estimate"), Source("fit")),
+            Source("estimate"),
+            Source("fit"),
         ),
-        leaves=("validation.h5", "validation.json"),
-        function="elastid.app.stages.validate:validate",
-    ),
+        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
+    ),  # fmt: skip
     Stage(
-        name="report",
-        help="Write the page and the figures: report.html and figures/.",
-        kinds=WITH_A_ROBOT,
+        "report",
+        WITH_A_ROBOT,
+        ("report.html", "figures"),
+        "elastid.app.stages.report:report",
         values=(*FITTED, *values("text", "report")),
         sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")),
-        leaves=("report.html", "figures"),
-        function="elastid.app.stages.report:report",
         extras=("compare.json",),
-    ),
+        help="Write the page and the figures: report.html and figures/.",
+    ),  # fmt: skip
     Stage(
-        name="report",
-        kinds=(FRF, FRF_RESPONSES),
+        "report",
+        (FRF, FRF_RESPONSES),
+        ("report.html", "figures", "peaks.csv"),
+        "elastid.app.stages.report:report_responses",
         values=values("name", "estimator", "text", "report"),
         sources=(Source("estimate"),),
-        leaves=("report.html", "figures", "peaks.csv"),
-        function="elastid.app.stages.report:report_responses",
-    ),
+    ),  # fmt: skip
     Stage(
-        name="design",
-        kinds=(FRICTION,),
+        "design",
+        (FRICTION,),
+        ("plan.h5",),
+        "elastid.app.stages.friction:design_motions",
         values=values("seed", "robot", "friction_joints", "experiment", "friction"),
-        leaves=("plan.h5",),
-        function="elastid.app.stages.friction:design_motions",
         patterns=("references/*.csv",),
         part=lambda study: MOTIONS,
-    ),
+    ),  # fmt: skip
     Stage(
-        name="measure",
-        kinds=(FRICTION,),
+        "measure",
+        (FRICTION,),
+        ("records.h5",),
+        "elastid.app.stages.friction:simulate_motions",
         values=values("seed", "robot", "experiment"),
         sources=(DESIGN_PART,),
-        leaves=("records.h5",),
-        function="elastid.app.stages.friction:simulate_motions",
-    ),
+    ),  # fmt: skip
     Stage(
-        name="measure",
-        kinds=(FRICTION_RECORDED,),
+        "measure",
+        (FRICTION_RECORDED,),
+        ("records.h5",),
+        "elastid.app.stages.friction:import_motions",
         values=values("robot", "friction_joints", "experiment", "friction.loads"),
-        leaves=("records.h5",),
-        function="elastid.app.stages.friction:import_motions",
         files=logs,
-    ),
+    ),  # fmt: skip
     Stage(
-        name="levels",
-        help="Find the friction at each speed, load and temperature: levels.h5.",
-        kinds=OF_FRICTION,
+        "levels",
+        OF_FRICTION,
+        ("levels.h5",),
+        "elastid.app.stages.friction:levels",
         values=values("robot", "friction_joints"),
         sources=(Source("measure"),),
-        leaves=("levels.h5",),
-        function="elastid.app.stages.friction:levels",
-    ),
+        help="Find the friction at each speed, load and temperature: levels.h5.",
+    ),  # fmt: skip
     Stage(
-        name="friction",
-        help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
-        kinds=OF_FRICTION,
+        "friction",
+        OF_FRICTION,
+        ("friction.h5", "summary.json", "identified_robot.yml"),
+        "elastid.app.stages.friction:friction",
         values=values("name", "robot", "experiment", "friction"),
         sources=(Source("measure"), Source("levels")),
-        leaves=("friction.h5", "summary.json", "identified_robot.yml"),
-        function="elastid.app.stages.friction:friction",
         conclude="elastid.app.stages.friction:conclude",
-    ),
+        help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
+    ),  # fmt: skip
     Stage(
-        name="follow",
+        "follow",
+        OF_FRICTION,
+        ("filter.h5",),
+        "elastid.app.stages.follow:follow_friction",
+        values=values("robot", "filter"),
+        sources=(Source("measure"), Source("friction")),
+        needs="filter",
         help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
         "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
         "bands and names those that the motion cannot identify.",
-        kinds=OF_FRICTION,
-        values=values("robot", "filter"),
-        sources=(Source("measure"), Source("friction")),
-        leaves=("filter.h5",),
-        function="elastid.app.stages.follow:follow_friction",
-        needs="filter",
-    ),
+    ),  # fmt: skip
     Stage(
-        name="report",
-        kinds=OF_FRICTION,
+        "report",
+        OF_FRICTION,
+        ("report.html", "figures"),
+        "elastid.app.stages.friction:report_friction",
         values=values("name", "text", "report"),
         sources=(Source("design"), Source("friction"), Source("follow")),
-        leaves=("report.html", "figures"),
-        function="elastid.app.stages.friction:report_friction",
-    ),
+    ),  # fmt: skip
 )
 
 

@@ -24,13 +24,12 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.stick_figure import stick_figure
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.validation.results import Agreement, Validation
-from elastid.validation.twin import BandBalance, TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -79,9 +78,8 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
     numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
-    return {**_head(name, "failed", message), **numbers, "parameters": {}, "friction": None} | {
-        key: [] for key in lists
-    }
+    rest = {"parameters": {}, "friction": None, **{key: [] for key in lists}}
+    return {**_head(name, "failed", message), **numbers, **rest}
 
 
 def summary(
@@ -132,9 +130,9 @@ def interrupted(
         return best | {"status": "interrupted"}
     parameters = choose(spec, robot, tuple(configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
+    unknown = {"std": None, "interval95": [None, None]}
     rows = {
-        p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
-        | {"start": x_start[p.name]}
+        p.name: {"value": values[p.name], **unknown, "unit": p.unit, "at_bound": False, "start": x_start[p.name]}
         for p in parameters.free
     }
     return best | {"status": "interrupted", "cost": json_value(ends[0].cost), "parameters": rows}
@@ -222,7 +220,11 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
         "torque": [
             section(balance, "place log shares left left_without_friction bands")
             | {"shares": dict(zip(balance.parts, balance.shares, strict=True))}
-            | {"bands": [_band(balance, band) for band in balance.bands]}
+            | {
+                "bands": [
+                    json_value(b) | {"shares": dict(zip(balance.parts, b.shares, strict=True))} for b in balance.bands
+                ]
+            }
             for balance in twin.balances
         ],
         "twin": [
@@ -231,11 +233,6 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             for run in twin.runs
         ],
     }
-
-
-def _band(balance: TorqueBalance, band: BandBalance) -> dict[str, Any]:
-    content: dict[str, Any] = json_value(band)
-    return content | {"shares": dict(zip(balance.parts, band.shares, strict=True))}
 
 
 def _motion(motion: MotionFriction) -> dict[str, Any]:
@@ -275,32 +272,25 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
     """
     if friction is None:
         return None
-    from elastid.nonlinear.result import friction_rows
-
-    entries = []
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
-    for i, row in enumerate(friction_rows(friction)):
-        shapes = zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True)
-        entries.append(
-            {
-                "motor": row.place,
-                "taken_out": row.level is not None,
-                "F_c": row.level,
-                "std": row.std,
-                "interval95": None if row.interval is None else list(row.interval),
-                "unit": row.unit,
-                "coulomb": None if row.level is None else row.level / ratio[row.place],
-                "shapes": [
-                    {"kind": shape.kind, "threshold": shape.threshold, "level": level, "std": std}
-                    for shape, level, std in shapes
-                    if shape.place == row.place and level > 0
-                ],
-                "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
-                "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
-                "kept_share": row.kept_share,
-            }
-        )
-    return entries
+    fitted = list(zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True))
+    return [
+        {
+            "motor": row.place,
+            "taken_out": row.level is not None,
+            **section(row, "F_c=level std interval95=interval unit"),
+            "coulomb": None if row.level is None else row.level / ratio[row.place],
+            "shapes": [
+                section(shape, "kind threshold") | {"level": level, "std": std}
+                for shape, level, std in fitted
+                if shape.place == row.place and level > 0
+            ],
+            "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
+            "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
+            "kept_share": row.kept_share,
+        }
+        for i, row in enumerate(friction_rows(friction))
+    ]
 
 
 def _correlations(result: FitResult) -> list[list[Any]]:

@@ -30,7 +30,6 @@ class Label:
     entry: str = ""
 
 
-_KEY = "label"
 NO_LABEL = Label()
 _UNIT_OF_ENDING = {"hz": "Hz", "s": "s", "deg": "deg", "degc": "degC", "db": "dB"}
 
@@ -42,12 +41,12 @@ def labelled(
 
     axes: names with a space between them.  default: as of `dataclasses.field`.
     """
-    return field(metadata={_KEY: Label(text, unit, tuple(axes.split()), rows, entry)}, **default)
+    return field(metadata={"label": Label(text, unit, tuple(axes.split()), rows, entry)}, **default)
 
 
 def label_of(field: Field[Any]) -> Label:
     """The label of a field, an empty one where it has none."""
-    label: Label = field.metadata.get(_KEY, NO_LABEL)
+    label: Label = field.metadata.get("label", NO_LABEL)
     return label
 
 
@@ -103,13 +102,11 @@ def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] |
     """
 
     def decorated(cls: type[T]) -> type[T]:
-        """The class as such a dataclass."""
         names = {name: _DTYPES.get(str(text).removesuffix(" | None")) for name, text in cls.__annotations__.items()}
         arrays = {name: dtype for name, dtype in names.items() if dtype is not None}
         check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
 
         def freeze(self: T) -> None:
-            """Freeze the arrays, then check."""
             for name, dtype in arrays.items():
                 value = getattr(self, name)
                 if value is not None:
@@ -201,7 +198,7 @@ def shown_values(values: NDArray[Any]) -> str:
     if values.dtype.kind not in "fiubc":
         if not any(str(value) for value in values.ravel()):
             return "empty texts"
-        texts = [_shortened(str(value)) for value in values.ravel()[:most]]
+        texts = [f"{text[:100]} ..." if len(text) > 100 else text for text in map(str, values.ravel()[:most])]
         return ", ".join(texts) + (f" and {values.size - most} more" if values.size > most else "")
     if values.size == 1 or (values.ndim < 2 and values.size <= most):
         return ", ".join(str(v) if values.dtype.kind == "b" else f"{v:.6g}" for v in values.ravel())
@@ -214,7 +211,3 @@ def shown_range(ends: ValueRange, is_complex: bool = False) -> str:
         return "no finite number"
     missing = f", {ends.missing} not finite" if ends.missing else ""
     return f"{'magnitude ' if is_complex else ''}{ends.low:.6g} to {ends.high:.6g}{missing}"
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= 100 else f"{text[:100]} ..."

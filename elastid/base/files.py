@@ -57,7 +57,6 @@ def unlinked(path: str, flags: int) -> int:
 
 
 def _is_link(path: Path) -> bool:
-    """True for a symbolic link, and for a junction of Windows."""
     return path.is_symlink() or (hasattr(path, "is_junction") and path.is_junction())
 
 

@@ -162,7 +162,6 @@ class InUnit:
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """A number in SI, or a text with one of the units that fit."""
         fitting = [name for unit in self.units for name in units_of(unit)]
         names = "|".join(re.escape(name) for name in fitting)
         return {

@@ -120,7 +120,6 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
-    """DataError of an artefact of another kind or format than this."""
     _require_own_data(path)
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:

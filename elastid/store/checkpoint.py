@@ -37,14 +37,13 @@ class Checkpoint(MutableMapping[str, Any]):
     """Finished local optima, profiles and refits by name, each in a file of the folder that is whole or absent.
 
     key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
-    bit. A part of another type is a KeyError.
+    bit. A part that is absent, damaged or of another key or type is a KeyError.
     """
 
     folder: Path
     key: str
 
     def __getitem__(self, name: str) -> Any:
-        """The part of that name; KeyError where it is absent, damaged or of another key."""
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
             if content["key"] == self.key and content["sha256"] == _digest(content["value"]):
@@ -54,25 +53,21 @@ class Checkpoint(MutableMapping[str, Any]):
         raise KeyError(name)
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """Keep a finished part."""
         content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
         with text_file(self._path(name)) as file:
             json.dump(content | {"sha256": _digest(content["value"])}, file)
 
     def __delitem__(self, name: str) -> None:
-        """Forget it."""
         try:
             self._path(name).unlink()
         except FileNotFoundError:
             raise KeyError(name) from None
 
     def __iter__(self) -> Iterator[str]:
-        """The names of all parts."""
         names = (unquote(path.stem) for path in sorted(self.folder.glob("*.json")))
         return (name for name in names if name in self)
 
     def __len__(self) -> int:
-        """Their number."""
         return sum(1 for _ in self)
 
     @property

@@ -45,7 +45,8 @@ class FieldKind:
     may_be_empty: bool
 
 
-def _kind_of_annotation(annotation: Any) -> Kind:
+@cache
+def kind_of_annotation(annotation: Any) -> Kind:
     """The kind of an annotated value; TypeError for a type that has no place in a file."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _SCALARS:
@@ -53,7 +54,8 @@ def _kind_of_annotation(annotation: Any) -> Kind:
     if origin is Literal:
         return Kind("scalar", type(arguments[0]), choices=arguments)
     if is_array(annotation):
-        return Kind("array", _number_type(arguments[-1]))
+        number = arguments[-1]
+        return Kind("array", get_args(number)[0] if get_origin(number) is np.dtype else number)
     if origin in (Union, UnionType):
         present = tuple(each for each in arguments if each is not NoneType)
         if len(present) < len(arguments):
@@ -68,10 +70,8 @@ def _kind_of_annotation(annotation: Any) -> Kind:
     raise TypeError(f"{annotation} has no place in a file")
 
 
-kind_of_annotation: Callable[[Any], Kind] = cache(_kind_of_annotation)
-
-
-def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
+@cache
+def fields_of(kind: Any) -> tuple[FieldKind, ...]:
     """The fields that a dataclass is made of."""
     hints = get_type_hints(kind)
     return tuple(
@@ -79,9 +79,6 @@ def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
         for each in fields(kind)
         if each.init
     )
-
-
-fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 
 @cache
@@ -101,10 +98,6 @@ def is_array(annotation: Any) -> bool:
     """True for a type of arrays; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
     alias = getattr(get_origin(annotation), "__value__", annotation)
     return get_origin(alias) is np.ndarray
-
-
-def _number_type(argument: Any) -> Any:
-    return get_args(argument)[0] if get_origin(argument) is np.dtype else argument
 
 
 def or_null(number: float) -> float | None:

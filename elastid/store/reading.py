@@ -57,12 +57,6 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
     return kind(**known)
 
 
-def read_entries(group: Any, annotation: Any) -> Iterator[Any]:
-    """The values of a group with an entry for each, one at a time, in the order written."""
-    for name in entry_names(group):
-        yield read_value(group, name, annotation)
-
-
 def entry_names(group: Any) -> tuple[str, ...]:
     """The names of the entries of a group, in the order written, as those of its members."""
     if NAMES in group:
@@ -87,7 +81,7 @@ def _read_array(dataset: Any, *_: Any) -> Any:
 def _read_sequence(item: Any, kind: Kind, label: Label) -> tuple[Any, ...]:
     (annotation,) = kind.parts
     if has_own_groups(annotation, label):
-        return tuple(read_entries(item, annotation))
+        return tuple(read_value(item, name, annotation) for name in entry_names(item))
     return tuple(_read_column(item, annotation, label))
 
 

@@ -70,11 +70,8 @@ def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> Non
 
 
 def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
-    write_fields(group.create_group(name), value, above)
-
-
-def write_fields(group: Any, value: Any, above: tuple[_Scope, ...] = ()) -> None:
     """The fields of a dataclass in a group; those that are dataclasses last, since their axes may be in this one."""
+    group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
     inner, labelled = [], []
     for each in fields_of(type(value)):
@@ -96,7 +93,7 @@ def write_fields(group: Any, value: Any, above: tuple[_Scope, ...] = ()) -> None
 
 
 def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
-    write_fields(group.create_group(name), value, above)
+    _write_fields(group, name, value, kind, label, above)
     group[name].attrs["type"] = type(value).__name__
 
 
@@ -204,7 +201,6 @@ def _are_numbers(parts: Sequence[Any]) -> bool:
 
 
 def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]) -> Any:
-    """The dataset with its meaning and unit as attributes."""
     if label.text:
         dataset.attrs["long_name"] = label.text
     if unit := _unit(label.unit or unit_of_name(name), scopes):
@@ -215,11 +211,12 @@ def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]
 def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
     if unit in _UNIT_OF_SAMPLES and not _attribute(scopes, "rate_is_known", True):
         return _UNIT_OF_SAMPLES[unit]
-    return re.sub(r"\{(\w+)\}", lambda match: _words(_attribute(scopes, match[1], "")), unit) if "{" in unit else unit
 
+    def words(match: re.Match[str]) -> str:
+        units = _attribute(scopes, match[1], "")
+        return units if isinstance(units, str) else ", ".join(dict.fromkeys(units))
 
-def _words(units: Any) -> str:
-    return units if isinstance(units, str) else ", ".join(dict.fromkeys(units))
+    return re.sub(r"\{(\w+)\}", words, unit)
 
 
 def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:
