@@ -170,163 +170,95 @@ FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
 # A row: name, kinds, leaves, function; then what it is handed, and what else is particular to it.
 STAGES = (
     Stage(
-        "design",
-        (SIMULATED,),
-        ("plan.h5",),
-        "elastid.app.stages.design:design",
+        "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
-            *values("estimator.quantity", "estimator.friction"),
-            Value("fit", without=SEARCH),
+            *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
         ),
-        files=earlier_measurements,
-        patterns=("references/*.csv",),
-        part=plan_values,
+        files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,
         help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "measure",
-        (SIMULATED,),
-        ("records.h5",),
-        "elastid.app.stages.measure:simulate",
-        values=values("seed", "robot", "experiment"),
-        sources=(DESIGN_PART,),
+        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate",
+        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
         help="Simulate the experiments or import the recorded logs: records.h5.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "measure",
-        (RECORDED, FRF),
-        ("records.h5",),
-        "elastid.app.stages.measure:import_logs",
-        values=values("places", "experiment"),
-        files=logs,
-    ),  # fmt: skip
+        "measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs",
+        values=values("places", "experiment"), files=logs,
+    ),
     Stage(
-        "estimate",
-        (SIMULATED, RECORDED, FRF),
-        ("frf.h5",),
-        "elastid.app.stages.estimate:estimate",
-        values=values("robot", "estimator"),
-        sources=(DESIGN_PART, Source("measure")),
+        "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
+        values=values("robot", "estimator"), sources=(DESIGN_PART, Source("measure")),
         help="Estimate the frequency responses with their covariance: frf.h5.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "estimate",
-        (RESPONSES, FRF_RESPONSES),
-        ("frf.h5",),
-        "elastid.app.stages.estimate:import_responses",
-        values=values("robot", "places", "experiment", "estimator"),
-        files=responses,
-    ),  # fmt: skip
+        "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
+        values=values("robot", "places", "experiment", "estimator"), files=responses,
+    ),
     Stage(
-        "fit",
-        WITH_A_ROBOT,
-        ("fit.h5", "summary.json"),
-        "elastid.app.stages.fit:fit",
-        values=(*FITTED, Value("validation.left_out")),
-        sources=(Source("estimate"),),
-        patterns=("identified_robot*.yml",),
-        outdates=("validate",),
-        conclude="elastid.app.stages.fit:conclude",
+        "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
+        values=(*FITTED, Value("validation.left_out")), sources=(Source("estimate"),),
+        patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "validate",
-        WITH_A_ROBOT,
-        ("validation.h5", "validation.json"),
-        "elastid.app.stages.validate:validate",
+        "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
         values=(*FITTED, *values("seed", "estimator", "validation")),
         sources=(
-            Source("design", part=True, optional=True),
-            Source("measure", optional=True),
-            Source("estimate"),
+            Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
             Source("fit"),
         ),
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "report",
-        WITH_A_ROBOT,
-        ("report.html", "figures"),
-        "elastid.app.stages.report:report",
+        "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
         values=(*FITTED, *values("text", "report")),
-        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")),
-        extras=("compare.json",),
+        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")), extras=("compare.json",),
         help="Write the page and the figures: report.html and figures/.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "report",
-        (FRF, FRF_RESPONSES),
-        ("report.html", "figures", "peaks.csv"),
+        "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "peaks.csv"),
         "elastid.app.stages.report:report_responses",
-        values=values("name", "estimator", "text", "report"),
-        sources=(Source("estimate"),),
-    ),  # fmt: skip
+        values=values("name", "estimator", "text", "report"), sources=(Source("estimate"),),
+    ),
     Stage(
-        "design",
-        (FRICTION,),
-        ("plan.h5",),
-        "elastid.app.stages.friction:design_motions",
-        values=values("seed", "robot", "friction_joints", "experiment", "friction"),
-        patterns=("references/*.csv",),
+        "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",
+        values=values("seed", "robot", "friction_joints", "experiment", "friction"), patterns=("references/*.csv",),
         part=lambda study: MOTIONS,
-    ),  # fmt: skip
+    ),
     Stage(
-        "measure",
-        (FRICTION,),
-        ("records.h5",),
-        "elastid.app.stages.friction:simulate_motions",
-        values=values("seed", "robot", "experiment"),
-        sources=(DESIGN_PART,),
-    ),  # fmt: skip
+        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions",
+        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
+    ),
     Stage(
-        "measure",
-        (FRICTION_RECORDED,),
-        ("records.h5",),
-        "elastid.app.stages.friction:import_motions",
-        values=values("robot", "friction_joints", "experiment", "friction.loads"),
-        files=logs,
-    ),  # fmt: skip
+        "measure", (FRICTION_RECORDED,), ("records.h5",), "elastid.app.stages.friction:import_motions",
+        values=values("robot", "friction_joints", "experiment", "friction.loads"), files=logs,
+    ),
     Stage(
-        "levels",
-        OF_FRICTION,
-        ("levels.h5",),
-        "elastid.app.stages.friction:levels",
-        values=values("robot", "friction_joints"),
-        sources=(Source("measure"),),
+        "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
+        values=values("robot", "friction_joints"), sources=(Source("measure"),),
         help="Find the friction at each speed, load and temperature: levels.h5.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "friction",
-        OF_FRICTION,
-        ("friction.h5", "summary.json", "identified_robot.yml"),
+        "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
         "elastid.app.stages.friction:friction",
-        values=values("name", "robot", "experiment", "friction"),
-        sources=(Source("measure"), Source("levels")),
+        values=values("name", "robot", "experiment", "friction"), sources=(Source("measure"), Source("levels")),
         conclude="elastid.app.stages.friction:conclude",
         help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "follow",
-        OF_FRICTION,
-        ("filter.h5",),
-        "elastid.app.stages.follow:follow_friction",
-        values=values("robot", "filter"),
-        sources=(Source("measure"), Source("friction")),
-        needs="filter",
+        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.follow:follow_friction",
+        values=values("robot", "filter"), sources=(Source("measure"), Source("friction")), needs="filter",
         help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
         "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
         "bands and names those that the motion cannot identify.",
-    ),  # fmt: skip
+    ),
     Stage(
-        "report",
-        OF_FRICTION,
-        ("report.html", "figures"),
-        "elastid.app.stages.friction:report_friction",
-        values=values("name", "text", "report"),
-        sources=(Source("design"), Source("friction"), Source("follow")),
-    ),  # fmt: skip
-)
+        "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",
+        values=values("name", "text", "report"), sources=(Source("design"), Source("friction"), Source("follow")),
+    ),
+)  # fmt: skip
 
 
 def stages_of(kind: str) -> dict[str, Stage]:
