@@ -216,14 +216,8 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
         known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
         best = int(by_configuration[:, i].argmax())
         other, correlation = forecast.strongest(name)
-        rows.append(
-            [
-                name,
-                forecast.units[i],
-                number(float(forecast.nominal[i])),
-                known if informed else "not seen",
-                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if informed else "–",
-                f"{other} {correlation:+.2f}" if other else "–",
-            ]
-        )
+        source = f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %"
+        row = [name, forecast.units[i], number(float(forecast.nominal[i]))]
+        row += [known, source] if informed else ["not seen", "–"]
+        rows.append([*row, f"{other} {correlation:+.2f}" if other else "–"])
     return rows

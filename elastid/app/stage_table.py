@@ -248,7 +248,7 @@ STAGES = (
         help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
     ),
     Stage(
-        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.follow:follow_friction",
+        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction",
         values=values("robot", "filter"), sources=(Source("measure"), Source("friction")), needs="filter",
         help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
         "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "

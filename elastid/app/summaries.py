@@ -78,7 +78,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
     numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
-    rest = {"parameters": {}, "friction": None, **{key: [] for key in lists}}
+    rest: dict[str, Any] = {"parameters": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 
 
@@ -97,11 +97,13 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
+    names, r = result.parameters.free_names, result.correlation
+    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(result, "status cost cost_expected dof hits"),
         "parameters": _parameters(result, rows),
         "friction": _friction_section(robot, friction),
-        "correlations_above_0.9": _correlations(result),
+        "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
             section(index, "name group place share drop members alike effects")
             | {
@@ -109,7 +111,7 @@ def summary(
                     dict(zip(("name", "unit", "value", "changed"), member, strict=True))
                     for member in zip(index.members, index.units, index.values.tolist(), index.changed, strict=True)
                 ],
-                "effects": dict(zip(result.parameters.free_names, json_value(index.effects), strict=True)),
+                "effects": dict(zip(names, json_value(index.effects), strict=True)),
             }
             for index in result.indices
         ],
@@ -291,9 +293,3 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
         }
         for i, row in enumerate(friction_rows(friction))
     ]
-
-
-def _correlations(result: FitResult) -> list[list[Any]]:
-    names, r = result.parameters.free_names, result.correlation
-    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
-    return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]

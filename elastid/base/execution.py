@@ -102,10 +102,16 @@ def survived_on_cluster(
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError where no scheduler answers, or where one item kills all its workers."""
+    """A Dask cluster; ElastidError without certificates, where no scheduler answers, or one item kills all workers."""
     from distributed import Client, KilledWorker
+    from distributed.security import Security
 
-    _require_certificates(address)
+    # Of an encrypted connection.
+    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
+        raise ElastidError(
+            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
+            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
+        )
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except OSError as error:
@@ -118,17 +124,6 @@ def _client(address: str) -> Iterator[Any]:
         ) from error
     finally:
         client.close()
-
-
-def _require_certificates(address: str) -> None:
-    """ElastidError where an encrypted connection is asked for and Dask has no certificates for it."""
-    from distributed.security import Security
-
-    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
-        raise ElastidError(
-            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
-            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
-        )
 
 
 def _applied(function: Callable[[Item], Value], item: Item) -> Value:

@@ -45,8 +45,7 @@ class FieldKind:
     may_be_empty: bool
 
 
-@cache
-def kind_of_annotation(annotation: Any) -> Kind:
+def _kind_of_annotation(annotation: Any) -> Kind:
     """The kind of an annotated value; TypeError for a type that has no place in a file."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _SCALARS:
@@ -70,8 +69,10 @@ def kind_of_annotation(annotation: Any) -> Kind:
     raise TypeError(f"{annotation} has no place in a file")
 
 
-@cache
-def fields_of(kind: Any) -> tuple[FieldKind, ...]:
+kind_of_annotation: Callable[[Any], Kind] = cache(_kind_of_annotation)
+
+
+def _fields_of(kind: Any) -> tuple[FieldKind, ...]:
     """The fields that a dataclass is made of."""
     hints = get_type_hints(kind)
     return tuple(
@@ -79,6 +80,9 @@ def fields_of(kind: Any) -> tuple[FieldKind, ...]:
         for each in fields(kind)
         if each.init
     )
+
+
+fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 
 @cache

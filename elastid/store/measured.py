@@ -44,14 +44,9 @@ def write_plan(
 
     references: of each configuration.  peaks: of the rehearsal.  nearest: the run that comes closest to a limit.
     """
-    parts = {
-        "plan": (plan, Plan),
-        "references": (references, tuple[Reference, ...]),
-        "peaks": (peaks, type(peaks)),
-        "forecast": (forecast, type(forecast)),
-        "rehearsal": (nearest, Rehearsal),
-    }
-    write_artefact(path, PLAN, stamp, {name: part for name, part in parts.items() if part[0] is not None})
+    further = {"peaks": (peaks, None), "forecast": (forecast, None), "rehearsal": (nearest, None)}
+    parts = {"plan": (plan, Plan), "references": (references, tuple[Reference, ...]), **further}
+    write_artefact(path, PLAN, stamp, parts)
 
 
 def read_plan(path: Path | str) -> Plan:

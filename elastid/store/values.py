@@ -55,11 +55,12 @@ def write_value(
     A tuple of entries with groups of their own may be any iterable, of which each is written before the next is taken.
     Returns the dataset that may be an axis of others, or None.
     """
+    if value is None:
+        return None
     kind = kind_of_annotation(type(value) if annotation is None else annotation)
-    if kind.form == "optional" and value is not None:
+    if kind.form == "optional":
         return write_value(group, name, value, kind.parts[0], label, above)
-    writer = _WRITERS.get(kind.form)
-    return None if writer is None or value is None else writer(group, name, value, kind, label, above)
+    return _WRITERS[kind.form](group, name, value, kind, label, above)
 
 
 def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> None:
