@@ -155,7 +155,7 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
 
 
 def _lines(title: str) -> Progress:
-    """Where the output is no terminal: a line every ten seconds at most."""
+    """A line every ten seconds at most."""
     started = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:

@@ -24,7 +24,7 @@ from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.response import FrequencyResponse
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit
@@ -103,10 +103,8 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
 
 
 def _written(folder: Path, text: str) -> tuple[Path]:
-    path = folder / "robot.yml"
-    with text_file(path) as file:
-        file.write(text)
-    return (path,)
+    write_text(folder / "robot.yml", text)
+    return (folder / "robot.yml",)
 
 
 def _export_responses(run: Run, target: str) -> tuple[Path, ...]:

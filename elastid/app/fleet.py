@@ -21,7 +21,7 @@ from elastid.app.work import software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
-from elastid.base.files import make_folder, own_path
+from elastid.base.files import own_path
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
 from elastid.store.files import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
@@ -57,7 +57,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         ends = zip(fleet.members, outcomes, strict=True)
         rows = [row for member, outcome in ends if not outcome.failed for row in _rows(folder, member)]
         if not rows:
-            raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(outcomes)}")
+            raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(_reasons(outcomes))}")
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
@@ -79,9 +79,9 @@ def _check(fleet: Fleet, folder: Path) -> None:
         except StudyError as error:
             wrong.append(f"{member.words}: {error}")
     if wrong:
-        raise StudyError("\n".join([*wrong[:MAX_LISTED], *_and_more(len(wrong))]))
+        raise StudyError(_listed(wrong))
     try:
-        make_folder(folder, MEMBERS)
+        own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise StudyError(
@@ -99,18 +99,17 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
         if members:
             raise error(
                 f"fleet {name}: {len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
-                f"{_listed(members)}"
+                f"{_listed(_reasons(members))}"
             )
 
 
-def _listed(outcomes: Sequence[Outcome]) -> str:
-    """Names and reasons of the first few."""
-    first = [f"{outcome.words}: {outcome.message}" for outcome in outcomes[:MAX_LISTED]]
-    return "\n".join([*first, *_and_more(len(outcomes))])
+def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
+    return [f"{outcome.words}: {outcome.message}" for outcome in outcomes]
 
 
-def _and_more(count: int) -> list[str]:
-    return [f"and {count - MAX_LISTED} more"] if count > MAX_LISTED else []
+def _listed(lines: Sequence[str]) -> str:
+    rest = [f"and {len(lines) - MAX_LISTED} more"] if len(lines) > MAX_LISTED else []
+    return "\n".join([*lines[:MAX_LISTED], *rest])
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
@@ -147,7 +146,6 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 
 def _rows(folder: Path, member: Member) -> Iterator[Row]:
-    """The parameters in the summary of a member; none where it failed."""
     summary = _summary(folder / MEMBERS / member.name)
     for name, number in summary.get("parameters", {}).items():
         row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.arrays import FloatArray, ValueRange, shown_values, value_range
+from elastid.base.arrays import FloatArray, shown_values, value_range
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
@@ -34,49 +33,32 @@ from elastid.store.reading import described as described_artefact
 from elastid.store.results import read_fit
 
 
-@dataclass(frozen=True)
-class SignalSummary:
-    """remark: rate, missing values, or why it cannot be read.  values: None where it cannot."""
-
-    name: str
-    shape: tuple[int, ...]
-    unit: str
-    values: ValueRange | None
-    remark: str = ""
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Name, shape, unit, first, lowest and highest value as texts."""
-        ends = self.values
-        numbers = ("", "", "") if ends is None else (f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}")
-        return (self.name, " x ".join(map(str, self.shape)), self.unit, *numbers)
-
-
-def _signal_summary(
+def _signal_row(
     name: str, shape: tuple[int, ...], unit: str, pieces: Iterator[NDArray[Any]], rate_hz: float | None = None
-) -> SignalSummary:
-    """Of a signal in pieces."""
+) -> tuple[str, ...]:
+    """Name, shape, unit, first, lowest and highest value; and rate, missing values, or why it cannot be read."""
+    about = (name, " x ".join(map(str, shape)), unit)
     try:
         start = next(pieces, np.zeros(0))
-        values = value_range(chain([start], pieces))
+        ends = value_range(chain([start], pieces))
     except DataError as error:
-        return SignalSummary(name, shape, unit, None, f"cannot be read: {error}")
-    remarks = [f"{values.missing} values are not finite"] if values.missing else []
+        return (*about, "", "", "", f"cannot be read: {error}")
+    remarks = [f"{ends.missing} values are not finite"] if ends.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
     elif (step := _even_step(start)) is not None:
         remarks.append(f"rises evenly: {1 / step:.6g} Hz if it is the time in s")
-    return SignalSummary(name, shape, unit, values, "; ".join(remarks))
+    return (*about, f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}", "; ".join(remarks))
 
 
-def _text_summaries(log: TextLog) -> list[SignalSummary]:
+def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     """Of every column of a text log, those with words among them as well."""
     named = log.named_columns()
     try:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
     except DataError:
         signals = [_column(log, i) for i in range(len(named))]
-    return [_signal_summary(name, shape, "", x) for (name, shape), x in zip(named, signals, strict=True)]
+    return [_signal_row(name, shape, "", x) for (name, shape), x in zip(named, signals, strict=True)]
 
 
 def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
@@ -93,7 +75,7 @@ def _even_step(start: NDArray[Any]) -> float | None:
     return usual if usual > 0 and np.all(np.abs(steps - usual) <= 0.5 * usual) else None
 
 
-_COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
+_COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".pdf", ".png", ".svg", ".yml")
 _OBJECTS = (
@@ -137,11 +119,11 @@ def _log_lines(path: Path) -> list[str]:
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
         if isinstance(log, TextLog):
-            signals, contents = _text_summaries(log), []
+            signals, contents = _text_rows(log), []
         else:
             arrays = log.arrays if isinstance(log, ArrayLog) else {}
             signals = [
-                _signal_summary(name, array.shape, array.units, array.blocks(), array.rate_hz)
+                _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
                 for name, array in arrays.items()
                 if array.is_signal
             ]
@@ -149,8 +131,7 @@ def _log_lines(path: Path) -> list[str]:
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
-        rows = [(*_COLUMNS, ""), *((*signal.cells, signal.remark) for signal in signals)]
-        lines += [f"  {line}" for line in columns(rows)]
+        lines += [f"  {line}" for line in columns([_COLUMNS, *signals])]
         lines += ["other contents, which cannot be channels:", *contents] if contents else []
     if not signals and path.suffix.lower() == ".mat":
         lines.append(f"  {_OBJECTS}; {HOW_TO_SAVE}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from elastid.base.display import columns
@@ -32,14 +32,16 @@ def _robot(study: Study) -> Iterator[str]:
     robot = study.as_robot()
     elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
     yield f"study {study.name}, robot {robot.name}"
-    bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
+    bodies, joints = _plural(len(robot.bodies), "body", "bodies"), _plural(len(robot.joints), "joint")
     yield (
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
     yield from _nonlinear(study)
-    coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
-    loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    coordinates = _plural(len((*robot.joints, *robot.flexible)), "coordinate")
+    loops = (
+        f", {_plural(len(robot.loops), 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    )
     formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
     carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
@@ -73,14 +75,14 @@ def _structure(study: Study) -> Iterator[str]:
     for role, noun in (("u", "input"), ("y", "output")):
         ours = [channel for channel in channels if channel.role == role]
         places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)
-        yield f"  {_count(ours, noun)}: {', '.join(places)}"
+        yield f"  {_plural(len(ours), noun)}: {', '.join(places)}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
     parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     if robots := [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]:
         yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
-    yield _count(parameters.free, "unknown")
+    yield _plural(len(parameters.free), "unknown")
     rows = [("  name", "start", "lower", "upper", "unit")]
     rows += [
         ("  " + p.name, f"{p.value:.5g}", f"{p.lower:.5g}", f"{p.upper:.5g}", p.unit + _prior(p))
@@ -99,12 +101,12 @@ def _experiments(study: Study) -> Iterator[str]:
     experiment, excitation = study.experiment, study.excitation
     names = ", ".join(experiment.configurations)
     if experiment.recorded is not None:
-        configurations = _count(experiment.configurations, "configuration")
-        yield f"{_count(experiment.recorded.files, 'log file')} of {configurations} ({names})"
+        configurations = _plural(len(experiment.configurations), "configuration")
+        yield f"{_plural(len(experiment.recorded.files), 'log file')} of {configurations} ({names})"
         return
     if experiment.responses is not None:
-        files = _count(experiment.responses.files, "frequency response")
-        yield f"{files} from elsewhere of {_count(experiment.configurations, 'configuration')} ({names})"
+        files = _plural(len(experiment.responses.files), "frequency response")
+        yield f"{files} from elsewhere of {_plural(len(experiment.configurations), 'configuration')} ({names})"
         return
     E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations
     Q = len(experiment.configurations)
@@ -185,7 +187,7 @@ def _friction(study: Study) -> Iterator[str]:
     joints, recorded = study.friction_joints, study.experiment.recorded
     yield f"friction of joint{'s' if len(joints) > 1 else ''} {', '.join(joint.name for joint in joints)}"
     if recorded is not None:
-        yield f"  {_count(recorded.files, 'log file')}; passes are found in them, the rest is regressed"
+        yield f"  {_plural(len(recorded.files), 'log file')}; passes are found in them, the rest is regressed"
         if stated := [f"{file.path}: {file.speed:.4g}" for file in recorded.files if file.speed is not None]:
             yield f"  speeds given (SI): {', '.join(stated)}"
     else:
@@ -220,10 +222,6 @@ def _motions(plan: FrictionPlan) -> Iterator[str]:
     if plan.unknown:
         yield "will not be known:"
         yield from (f"  {sentence}" for sentence in plan.unknown)
-
-
-def _count(things: Collection[object], noun: str, plural: str = "") -> str:
-    return _plural(len(things), noun, plural)
 
 
 def _plural(number: int, noun: str, plural: str = "") -> str:

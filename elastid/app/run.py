@@ -225,7 +225,6 @@ def carry_out(run: Run, name: str) -> None:
 
 
 def _report_damage(run: Run, path: Path, stage: Stage) -> None:
-    """Warn that a result is made again because its files have changed."""
     damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
     if path.suffix == ".h5" and path.is_file() and not is_intact(path):
         damaged.append(path)
@@ -234,7 +233,6 @@ def _report_damage(run: Run, path: Path, stage: Stage) -> None:
 
 
 def _load_for_workers(run: Run, stages: Sequence[Stage]) -> None:
-    """Load the libraries of stages once, for several processes."""
     if run.jobs > 1 and stages:
         load_for_workers([stage.module for stage in stages])
 

@@ -89,5 +89,4 @@ EXAMPLE_LOGS: Mapping[str, Callable[[Path], None]] = {"recorded": write_elastic_
 def _write_log(path: Path, columns: Sequence[str], values: FloatArray) -> None:
     path.parent.mkdir(exist_ok=True)
     with text_file(path) as file:
-        file.write(",".join(columns) + "\n")
-        np.savetxt(file, values, fmt="%.6g", delimiter=",")
+        np.savetxt(file, values, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")

@@ -38,10 +38,7 @@ if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not nee
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
-    """The modes of the fitted model with its motors free, configuration by configuration.
-
-    Frequencies and damping, who moves, where the energy is, and the robot's sticks.
-    """
+    """The modes of the fitted model with its motors free, configuration by configuration."""
     return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
 
 
@@ -194,10 +191,8 @@ def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings
 
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
-    keys = ("parameters", "not_identified", "motions", "torque", "measured", "warnings", "notes")
-    objects = ("parameters", "motions", "measured")
-    nothing: dict[str, Any] = {key: {} if key in objects else [] for key in keys}
-    return _head(name, "failed", message) | nothing
+    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
+    return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 
 _ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))

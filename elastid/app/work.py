@@ -27,7 +27,7 @@ from elastid.app.stage_table import Stage, stages_of_study
 from elastid.base import kernels
 from elastid.base.execution import Execution
 from elastid.store.artefacts import Stamp
-from elastid.store.files import changed_texts, content_hash, remove_leftovers, text_file
+from elastid.store.files import changed_texts, content_hash, remove_leftovers, write_text
 from elastid.study import LoadedStudy
 
 if TYPE_CHECKING:
@@ -101,12 +101,7 @@ class StudyFiles:
 
 def text(content: str) -> Write:
     """Writes a text that carries no stamp."""
-
-    def write(path: Path, stamp: Stamp) -> None:
-        with text_file(path) as file:
-            file.write(content)
-
-    return write
+    return lambda path, stamp: write_text(path, content)
 
 
 def file_hash(path: Path) -> str:

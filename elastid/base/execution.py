@@ -8,11 +8,10 @@ from __future__ import annotations
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
+from concurrent.futures import CancelledError, as_completed
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -63,24 +62,6 @@ def _is_address(address: str) -> bool:
         return parts.scheme in SCHEMES and bool(parts.hostname and parts.port) and not any(map(str.isspace, address))
     except ValueError:  # a port that is no number, or an unclosed bracket
         return False
-
-
-@contextmanager
-def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Callable[[Item], Future[Value]]]:
-    """The function that submits an item to the workers of a Dask cluster, each of which has `function`.
-
-    CancelledError where a worker dies while it is given the function, ElastidError where there is no worker.
-    """
-    from distributed.comm import CommClosedError
-
-    with _client(address) as client:
-        try:
-            scattered = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
-        except CommClosedError as error:
-            raise CancelledError from error
-        except TimeoutError as error:
-            raise ElastidError(f"the cluster at {address} has no worker; start one") from error
-        yield partial(client.get_executor(pure=False).submit, _applied, scattered)
 
 
 def survived_on_cluster(
@@ -210,13 +191,27 @@ class Execution:
             yield todo[place], value
 
 
+def _scattered(client: Any, address: str, function: Callable[[Item], Value]) -> Any:
+    """The function at each worker; CancelledError where one dies meanwhile, ElastidError where there is none."""
+    from distributed.comm import CommClosedError
+
+    try:
+        return client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
+    except CommClosedError as error:
+        raise CancelledError from error
+    except TimeoutError as error:
+        raise ElastidError(f"the cluster at {address} has no worker; start one") from error
+
+
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
     """By a cluster; where all workers that have the function die, it goes to their successors."""
     left, deaths = dict(enumerate(items)), 0
     while left:
         try:
-            with on_cluster(address, function) as submit:
-                futures = {submit(item): index for index, item in left.items()}
+            with _client(address) as client:
+                scattered = _scattered(client, address, function)
+                submit = client.get_executor(pure=False).submit
+                futures = {submit(_applied, scattered, item): index for index, item in left.items()}
                 for future in as_completed(futures):
                     value = future.result()
                     del left[futures[future]]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
 # By dimension, named by its SI unit: further units and their factors to SI.
@@ -133,24 +132,15 @@ def of_translation(unit: str) -> str:
     return unit.replace("N*m", "N").replace("rad", "m")
 
 
-@dataclass(frozen=True, init=False)
 class InUnit:
     """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it.
 
     others: further dimensions that the field may have instead.
     """
 
-    unit: str
-    others: tuple[str, ...] = ()
-
     def __init__(self, unit: str, *others: str) -> None:
-        object.__setattr__(self, "unit", unit)
-        object.__setattr__(self, "others", others)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """The SI units of all dimensions that the field may have."""
-        return (self.unit, *self.others)
+        self.unit = unit
+        self.units = (unit, *others)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""

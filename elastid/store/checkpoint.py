@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.uncertainty.intervals import Profile
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 from elastid.store.kinds import from_json, json_value
 from elastid.validation.comparison import Refit
 
@@ -54,8 +54,7 @@ class Checkpoint(MutableMapping[str, Any]):
 
     def __setitem__(self, name: str, value: Any) -> None:
         content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
-        with text_file(self._path(name)) as file:
-            json.dump(content | {"sha256": _digest(content["value"])}, file)
+        write_text(self._path(name), json.dumps(content | {"sha256": _digest(content["value"])}))
 
     def __delitem__(self, name: str) -> None:
         try:

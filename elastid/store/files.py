@@ -43,6 +43,12 @@ def text_file(path: Path | str) -> Iterator[TextIO]:
         yield file
 
 
+def write_text(path: Path, text: str) -> None:
+    """A new text file, whole or absent."""
+    with text_file(path) as file:
+        file.write(text)
+
+
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
     """Another path to write to; the file takes its name only when it is complete and on the disk."""

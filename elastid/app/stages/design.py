@@ -107,10 +107,7 @@ _Responses: TypeAlias = tuple[FrequencyResponse, ...]
 def _earlier_measurements(
     design: DesignSpec | None, files: Path
 ) -> tuple[_Responses, tuple[tuple[str, float], ...], _Responses]:
-    """Responses that a design adds to, estimates of their fits by name (the last of several), responses for the noise.
-
-    DataError for a damaged file.
-    """
+    """Responses that a design adds to, estimates of their fits by name (the last counts), responses for the noise."""
     if design is None:
         return (), (), ()
     responses: list[FrequencyResponse] = []

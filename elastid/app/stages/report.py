@@ -42,10 +42,7 @@ def report(
     design_file: Path | None = None,
     compare: Path | None = None,
 ) -> Artefacts:
-    """The page and figures of an identified robot.
-
-    compare: compare.json, shown where it is of these responses.
-    """
+    """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted = FittedRobot.of(result, robot, responses, model)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -163,8 +163,20 @@ def _records_in_time(own: _Validated, path: Path, console: Console, execution: E
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    names = read_configurations(path)
-    models = [each for each in _models(own, console) if each.configuration in names]
+    fitted, names = own.fitted, read_configurations(path)
+    try:
+        rigid = rigid_linearisation(fitted, own.model)
+    except StudyError as error:
+        console.say(f"validate: the torque is not divided into parts: {error}")
+        rigid = None
+    models = [
+        _Models(
+            *(name, fitted.at(name), fitted.theta_of(name)),
+            *(None if rigid is None else model_parts(fitted, rigid, name), response.freq_hz),
+        )
+        for response in fitted.measured
+        if (name := response.configuration.name) in names
+    ]
     return execution.ordered(partial(_in_time, path, own.friction, shaft_couplings(own.robot), own.estimator), models)
 
 
@@ -177,19 +189,6 @@ class _Models:
     theta: FloatArray
     parts: ModelParts | None
     freq_hz: FloatArray
-
-
-def _models(own: _Validated, console: Console) -> Iterator[_Models]:
-    fitted = own.fitted
-    try:
-        rigid = rigid_linearisation(fitted, own.model)
-    except StudyError as error:
-        console.say(f"validate: the torque is not divided into parts: {error}")
-        rigid = None
-    for response in fitted.measured:
-        name = response.configuration.name
-        parts = None if rigid is None else model_parts(fitted, rigid, name)
-        yield _Models(name, fitted.at(name), fitted.theta_of(name), parts, response.freq_hz)
 
 
 def _in_time(
