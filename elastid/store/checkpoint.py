@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections import Counter
 from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
@@ -74,10 +73,6 @@ class Checkpoint(MutableMapping[str, Any]):
         """Their number by kind, `12 starts, 1 profile`, or an empty text."""
         counts = Counter(name.partition("-")[0] for name in self)
         return ", ".join(f"{n} {words[n > 1]}" for part, words in _PARTS.items() if (n := counts[part]))
-
-    def clear(self) -> None:
-        """Forget everything, parts of other keys and half-written ones included."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{quote(name, safe=' ')}.json"

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
-from elastid.store.artefacts import attributes, kind_of, opened, plain
+from elastid.store.artefacts import kind_of, opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
@@ -209,9 +209,9 @@ def described(path: Path | str) -> str:
 
 def _content_lines(group: Any, depth: int) -> Iterator[str]:
     indent = "  " * depth
-    for name, value in attributes(group).items():
+    for name, value in group.attrs.items():
         if name not in ("elastid", "study"):
-            yield f"{indent}{name} = {value}"
+            yield f"{indent}{name} = {plain(value)}"
     for name, item in group.items():
         if isinstance(item, h5py.Group):
             yield f"{indent}{name}/"

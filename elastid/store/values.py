@@ -24,7 +24,7 @@ from h5py import h5ds
 
 from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, release, unit_of_name
 from elastid.base.escape import group_name
-from elastid.store.artefacts import TEXT, Stamp, created, put_text
+from elastid.store.artefacts import TEXT, Stamp, created
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
@@ -64,8 +64,8 @@ def write_value(
 
 
 def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> None:
-    if kind.type is str:
-        put_text(group, name, value)
+    if kind.type is str and len(value) >= 4096:  # an attribute holds 64 KB at most
+        group.create_dataset(name, data=value, dtype=TEXT)
     else:
         group.attrs[name] = kind.type(value)
 

@@ -107,13 +107,11 @@ def simulate_motions(
 ) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
     rig = SimulatedFrictionRig(robot, experiment, read_friction_plan(design_file), seed)
-    records, report = measure_parts(work, rig.motions, rig.measure, _records_in, write_friction_records, "motions")
+    records, report = measure_parts(
+        work, rig.motions, rig.measure, lambda p: read_friction_records(p).records, write_friction_records, "motions"
+    )
     files = {"records.h5": lambda path, stamp: write_friction_records(path, records, stamp, rig.warm_ups())}
     return Artefacts(files, report)
-
-
-def _records_in(path: Path) -> tuple[FrictionRecord, ...]:
-    return read_friction_records(path).records
 
 
 def import_motions(
