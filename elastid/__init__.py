@@ -97,8 +97,8 @@ if TYPE_CHECKING:
     from elastid.robot import Payload as Payload
     from elastid.robot import Rod as Rod
     from elastid.robot import Spring as Spring
-    from elastid.store.design import read_plan as read_plan
     from elastid.store.friction_study import read_friction_result as read_friction_result
+    from elastid.store.measured import read_plan as read_plan
     from elastid.store.measured import read_records as read_records
     from elastid.store.measured import read_responses as read_responses
     from elastid.store.measured import write_records as write_records
@@ -150,8 +150,7 @@ _NAMES = {
     "elastid.friction_study.identify": ("identify_friction",),
     "elastid.friction_study.result": ("FrictionResult",),
     "elastid.store.friction_study": ("read_friction_result",),
-    "elastid.store.design": ("read_plan",),
-    "elastid.store.measured": ("read_records", "write_records", "read_responses", "write_responses"),
+    "elastid.store.measured": ("read_plan", "read_records", "write_records", "read_responses", "write_responses"),
     "elastid.store.results": ("read_fit", "write_fit", "read_validation"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

@@ -2,7 +2,7 @@
 
 import sys
 
-INTERRUPTED = 130  # as elastid.app.process has it, which is not loaded yet
+INTERRUPTED = 130  # as elastid.app.cli has it, which is not loaded yet
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
 
 
 def _end_at_a_signal() -> None:
-    """End at once on Ctrl-C or SIGTERM, but while `elastid.app.process` sees to it: nothing has begun, or all is done.
+    """End at once on Ctrl-C or SIGTERM, but while `elastid.app.cli` sees to it: nothing has begun, or all is done.
 
     Packages that load are left at once too; some of them make an error of their own of a KeyboardInterrupt.
     """

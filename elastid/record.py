@@ -22,10 +22,10 @@ from elastid.base.arrays import (
     empty_in_file,
     frozen,
     frozen_value,
+    labelled,
     release,
 )
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 

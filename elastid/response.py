@@ -14,11 +14,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, notebook_package
 from elastid.base.errors import check_kind, index_of
 from elastid.base.escape import control_label
-from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
 

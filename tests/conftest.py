@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from elastid.app.process import one_blas_thread
+from elastid.app.cli import one_blas_thread
 
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 

@@ -1,22 +1,35 @@
-"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies."""
+"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies.
+
+Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be
+believed as it stands; 130 interrupted.
+"""
 
 from __future__ import annotations
 
-import io
+import os
+import shlex
 import sys
-from collections.abc import Callable, Sequence
+from _thread import interrupt_main
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from errno import EDQUOT, EFBIG, ENOSPC
+from io import StringIO
 from pathlib import Path
+from signal import SIGINT, SIGTERM, signal
+from threading import Event, Thread, current_thread, main_thread
+from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
 from elastid import __version__
-from elastid.app.process import explained, insisting, interrupted, libraries_off_terminal, one_blas_thread
-from elastid.app.stage_table import all_names, help_of
+from elastid.app.stage_table import helps
+from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
+
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -24,48 +37,52 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 def main() -> None:
     """The program `elastid`."""
     # A program that was started without them (`>&-`) has None here, which nothing below expects.
-    sys.stdout = sys.stdout or io.StringIO()
-    sys.stderr = sys.stderr or io.StringIO()
+    sys.stdout = sys.stdout or StringIO()
+    sys.stderr = sys.stderr or StringIO()
     sys.exit(run_command(sys.argv[1:]))
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """A command, and its exit code however it ends (`elastid.app.process`)."""
+    """A command, and its exit code however it ends (`elastid.app.cli`)."""
     try:
         with libraries_off_terminal(), insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
         return interrupted(arguments)
     except Exception as error:
-        if pressed.is_set():
-            return interrupted(arguments)
-        return explained(error)
+        return interrupted(arguments) if pressed.is_set() else explained(error)
     return 0
+
+
+_OPTIONS: dict[str, Decorator] = {
+    "run": click.option(
+        *("--run", "folder"), type=click.Path(path_type=Path), metavar="DIR",
+        help="Where the results go (default: runs/<name of the study>).",
+    ),
+    "set": click.option(
+        *("--set", "overrides"), multiple=True, metavar="KEY.PATH=VALUE",
+        help="Overrides a key of the study, for example fit.starts=5.",
+    ),
+    "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
+    "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
+    "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
+    "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
+    "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
+}  # fmt: skip
 
 
 def _options(*names: str) -> Decorator:
     """The options of the given names, each the same in every command that takes it."""
-    known = {
-        "run": click.option("--run", "folder", type=click.Path(path_type=Path), metavar="DIR", help=_RUN_HELP),
-        "set": click.option("--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help=_SET_HELP),
-        "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
-        "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
-        "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
-        "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
-        "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
-    }
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names):
-            function = known[name](function)
+            function = _OPTIONS[name](function)
         return function
 
     return decorate
 
 
-_RUN_HELP = "Where the results go (default: runs/<name of the study>)."
 _PDF = "report.formats=[png, pdf]"
-_SET_HELP = "Overrides a key of the study, for example fit.starts=5."
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
 _study = click.argument("study", type=click.Path(path_type=Path))
@@ -81,12 +98,9 @@ class InOrderOfWork(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Names and first sentences, wrapped and not cut."""
+        helps = ((name, (command.help or "").split("\n\n")[0]) for name, command in self.commands.items())
         with formatter.section("Commands"):
-            formatter.write_dl([(name, _first_sentence(self.commands[name])) for name in self.list_commands(ctx)])
-
-
-def _first_sentence(command: click.Command) -> str:
-    return " ".join((command.help or "").split("\n\n")[0].split())
+            formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
 
 
 @click.group(cls=InOrderOfWork, context_settings={"help_option_names": ["-h", "--help"]})
@@ -154,12 +168,12 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
 
 
 def add_stage_commands(group: click.Group) -> None:
-    """A command for each row of the table of stages."""
-    for name in all_names():
-        group.add_command(_stage_command(name))
+    """A command for each name in the table of stages."""
+    for name, text in helps().items():
+        group.add_command(_stage_command(name, text))
 
 
-def _stage_command(name: str) -> click.Command:
+def _stage_command(name: str, text: str) -> click.Command:
     @_study
     @_stage_options
     def work(study: Path, pdf: bool = False, **options: Any) -> None:
@@ -168,8 +182,7 @@ def _stage_command(name: str) -> click.Command:
 
         run_stage(asked, name)
 
-    for_print = _options("pdf") if name == "report" else lambda function: function
-    return click.command(name, help=help_of(name))(for_print(work))
+    return click.command(name, help=text)(_options(*["pdf"] * (name == "report"))(work))
 
 
 add_stage_commands(cli)
@@ -281,3 +294,94 @@ def schema() -> None:
     from elastid.study import make_schema
 
     click.echo(json.dumps(make_schema(), indent=1))
+
+
+@contextmanager
+def insisting() -> Iterator[Event]:
+    """KeyboardInterrupt on Ctrl-C or SIGTERM, and again every half second until the work inside has ended.
+
+    CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
+    event that is yielded is set once that happened: whatever error ends the work then, the user has ended it.
+    """
+    pressed, ended = Event(), Event()
+
+    def insist() -> None:
+        while not ended.wait(0.5):
+            interrupt_main()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not pressed.is_set():
+            pressed.set()
+            Thread(target=insist, daemon=True).start()
+        raise KeyboardInterrupt
+
+    def show(unraisable: sys.UnraisableHookArgs) -> None:
+        if not pressed.is_set():
+            shown(unraisable)
+
+    if current_thread() is not main_thread():  # signals belong to the main thread
+        yield pressed
+        return
+    # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
+    shown, sys.unraisablehook = sys.unraisablehook, show
+    before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
+    try:
+        yield pressed
+    finally:
+        ended.set()
+        sys.unraisablehook = shown
+        for number, handler in before.items():
+            signal(number, handler)
+
+
+@contextmanager
+def libraries_off_terminal() -> Iterator[None]:
+    """Warnings of Python and log records of libraries go to run.log where one is written, and else nowhere."""
+    import logging
+
+    nowhere = logging.NullHandler()  # without any handler Python prints the records
+    logging.captureWarnings(True)
+    logging.getLogger().addHandler(nowhere)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(nowhere)
+        logging.captureWarnings(False)
+
+
+def one_blas_thread() -> None:
+    """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def explained(error: Exception) -> int:
+    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
+    match error:
+        case ElastidError():
+            return _ended(str(error), error.exit_code)
+        case click.exceptions.Exit():
+            return error.exit_code
+        case click.ClickException():
+            error.show(file=(text := StringIO()))
+            click.echo(printable(text.getvalue()), err=True, nl=False)
+            return error.exit_code
+        case MemoryError():
+            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
+        case OSError():
+            where = f"{error.filename}: " if error.filename else ""
+            full = error.errno in (ENOSPC, EDQUOT, EFBIG)
+            advice = "; make room, and the same command goes on where it was" if full else ""
+            return _ended(f"{where}{error.strerror or error}{advice}", 1)
+    raise error
+
+
+def interrupted(arguments: Sequence[str]) -> int:
+    """The exit code of a command that was interrupted, which says how to go on."""
+    again = shlex.join(["elastid", *arguments])
+    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", 130)
+
+
+def _ended(message: str, code: int) -> int:
+    click.echo(printable(message), err=True)
+    return code

@@ -7,14 +7,14 @@ in compare.partial until all are there, from where an interrupted comparison or 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
+from typing import TypeAlias
 
-from elastid.app.run import Run, carry_out
+from elastid.app.run import Run, carry_out, logged_in
+from elastid.app.work import hash_of
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
@@ -45,6 +45,8 @@ from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
 PARTIAL = "compare.partial"
+_Responses: TypeAlias = Sequence[FrequencyResponse]
+_Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
 def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
@@ -54,7 +56,7 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
     weights and criterion.  StudyError where there are no current responses, or but one model.
     """
     run.require("fit")  # reads what a comparison reads
-    with run.logged():
+    with logged_in(run.folder, run.jobs, run.console):
         models = list(variants(run.loaded, further))
         if len(models) < 2:
             raise StudyError(
@@ -117,9 +119,10 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
     sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
+    gears = range(len(robot.gears))
     moved = [
-        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in range(n)))
-        for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
+        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in gears))
+        for side in ("before", "after")
         if sides and sides != {side}
     ]
     return (*_of_loops(study), *coupling, *moved, *rigid)
@@ -169,13 +172,14 @@ def _weighed_as(own: Study, other: Study) -> FitSpec:
     return replace(other.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
-def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
+def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses) -> list[list[Refit]]:
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
     finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
-    keys = [_key(task, run) for task in tasks]
+    # Of everything that a fit depends on except the code.
+    keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
     if n_finished := sum(key in finished for key in keys):
         run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits are kept")
     with run.console.progress("compare") as progress:
@@ -184,19 +188,13 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[Fr
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 
-def _key(task: RefitTask, run: Run) -> str:
-    """The name of a finished fit: a hash of everything that it depends on except the code."""
-    document = [asdict(task), run.stamps["estimate"].inputs]
-    return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"
-
-
 def search_elasticity(run: Run) -> None:
     """compare.json with every trial and the models tried, and the report again where there is one.
 
     StudyError where there are no current responses, those of one configuration only, or nothing to search among.
     """
     run.require("fit")  # reads what a search reads
-    with run.logged():
+    with logged_in(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]
@@ -205,7 +203,7 @@ def search_elasticity(run: Run) -> None:
                 f"{run.loaded.path}: the search judges by configurations that were left out, and there is one only; "
                 "measure in further ones"
             )
-        fits: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
+        fits: _Fits = {}
 
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
@@ -250,19 +248,16 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 
 
 def _fitted(
-    run: Run,
-    coordinates: Mapping[str, str],
-    start: Elastic,
-    models: Sequence[Elastic],
-    responses: Sequence[FrequencyResponse],
-) -> Mapping[Elastic, tuple[ComparedVariant, Sequence[Refit]]]:
+    run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: _Responses
+) -> _Fits:
     """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
     made: dict[Elastic, ComparedVariant] = {}
-    cannot: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
+    cannot: _Fits = {}
     for model in models:
-        name, rigid = _model_name(run.study, coordinates, start, model), [c for c in coordinates if c not in model]
+        name = _model_name(run.study, coordinates, start, model)
+        rigid = tuple(coordinate for label, coordinate in coordinates.items() if label not in model)
         try:
-            made[model] = variant(run.loaded, VariantSpec(name, rigid=tuple(coordinates[label] for label in rigid)))
+            made[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError(f"search: {name}: {error}") from None

@@ -155,7 +155,7 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
 
 
 def _lines(title: str) -> Progress:
-    """Where the output is no terminal: a line every ten seconds at most."""
+    """A line every ten seconds at most."""
     started = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
@@ -174,20 +174,36 @@ def _lines(title: str) -> Progress:
 def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
     """Headings, then a line for each parameter; the truth and the deviation from it where the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
-    headings = ["parameter", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval"]
-    headings += ["off / std"] if simulated else []
-    return [headings, *(_parameter_line(row, simulated) for row in rows)]
+    table = [_headings("parameter", simulated) + ["off / std"] * simulated]
+    for row in rows:
+        line = _line(row.name, row.unit, row.truth, simulated, row.estimate, row.std, row.interval)
+        line[-1] += " (at bound)" * row.at_bound
+        known = row.deviation is not None and math.isfinite(row.deviation)
+        table.append(line + [f"{row.deviation:+.1f}" if known else "–"] * simulated)
+    return table
 
 
 def friction_table(numbers: Sequence[FrictionNumber]) -> list[list[str]]:
     """Headings, then a line for each number of friction; the truth where the rig is simulated."""
     simulated = any(each.truth is not None for each in numbers)
-    rows = [["number", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval", "learnt from"]]
-    for each in numbers:
-        true = [number(each.truth)] if simulated else []
-        estimate = _estimate(each.value, each.std, (each.low, each.high))
-        rows.append([each.name, each.unit, *true, *estimate, each.learnt_from])
-    return rows
+    lines = (
+        [*_line(n.name, n.unit, n.truth, simulated, n.value, n.std, (n.low, n.high)), n.learnt_from] for n in numbers
+    )
+    return [[*_headings("number", simulated), "learnt from"], *lines]
+
+
+def _headings(noun: str, simulated: bool) -> list[str]:
+    return [noun, "unit", *["true"] * simulated, "estimate", "std", "95 % interval"]
+
+
+def _line(
+    name: str, unit: str, truth: float | None, simulated: bool, value: float, std: float, ends: tuple[float, float]
+) -> list[str]:
+    """A number with its truth, standard deviation in percent where it is not zero, and interval, to as many digits."""
+    n, relative = digits(value, std), 100 * std / abs(value) if value else math.inf
+    deviation = f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
+    true = [number(truth)] * simulated
+    return [name, unit, *true, number(value, n), deviation, " to ".join(interval_of(ends, n))]
 
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
@@ -200,35 +216,8 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
         known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
         best = int(by_configuration[:, i].argmax())
         other, correlation = forecast.strongest(name)
-        rows.append(
-            [
-                name,
-                forecast.units[i],
-                number(float(forecast.nominal[i])),
-                known if informed else "not seen",
-                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if informed else "–",
-                f"{other} {correlation:+.2f}" if other else "–",
-            ]
-        )
+        source = f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %"
+        row = [name, forecast.units[i], number(float(forecast.nominal[i]))]
+        row += [known, source] if informed else ["not seen", "–"]
+        rows.append([*row, f"{other} {correlation:+.2f}" if other else "–"])
     return rows
-
-
-def _parameter_line(row: ParameterRow, simulated: bool) -> list[str]:
-    estimate, std, interval = _estimate(row.estimate, row.std, row.interval)
-    line = [row.name, row.unit, estimate, std, interval + " (at bound)" * row.at_bound]
-    if simulated:
-        line.insert(2, number(row.truth))
-        known = row.deviation is not None and math.isfinite(row.deviation)
-        line.append(f"{row.deviation:+.1f}" if known else "–")
-    return line
-
-
-def _estimate(value: float, std: float, interval: tuple[float, float]) -> tuple[str, str, str]:
-    """An estimate, its standard deviation in percent where it is not zero, and its interval, to as many digits."""
-    n = digits(value, std)
-    return number(value, n), _relative(std, value), " to ".join(interval_of(interval, n))
-
-
-def _relative(std: float, value: float) -> str:
-    relative = 100 * std / abs(value) if value else math.inf
-    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)

@@ -24,7 +24,7 @@ from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.response import FrequencyResponse
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit
@@ -80,42 +80,31 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
 
 
 def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot.yml of a fitted model."""
     friction = read_friction(run.path("estimate"))
-    return (_written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model))),)
+    return _written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model)))
 
 
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
-    """The robot with the identified law; other tools take the fitted model of a study of elasticity."""
+    """The robot with the identified law, or the filter of each joint that was followed, as C."""
     if target == OBSERVER:
-        return _export_observers(run)
+        run.require_stage("follow")
+        run.require_result("follow")
+        joints = read_filter(run.path("follow"))
+        observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
+        return _reported(run, write_observers(clear_folder(run.folder, "export", target), observers))
     if target != ROBOT:
         raise StudyError(
             f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
             "and take that file as the robot of an elastic study, or to observer, which follows friction"
         )
     run.require_result("friction")
-    folder = clear_folder(run.folder, "export", ROBOT)
-    result = read_friction_result(run.path("friction"))
-    return _reported(run, (_written(folder, robot_of_friction(run.study.name, run.study.as_robot(), result)),))
+    text = robot_of_friction(run.study.name, run.study.as_robot(), read_friction_result(run.path("friction")))
+    return _reported(run, _written(clear_folder(run.folder, "export", target), text))
 
 
-def _export_observers(run: Run) -> tuple[Path, ...]:
-    """The filter of each joint that was followed, as C."""
-    if "follow" not in run.stages:
-        run.require_stage("follow")
-    run.require_result("follow")
-    folder = clear_folder(run.folder, "export", OBSERVER)
-    joints = read_filter(run.path("follow"))
-    observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
-    return _reported(run, write_observers(folder, observers))
-
-
-def _written(folder: Path, text: str) -> Path:
-    path = folder / "robot.yml"
-    with text_file(path) as file:
-        file.write(text)
-    return path
+def _written(folder: Path, text: str) -> tuple[Path]:
+    write_text(folder / "robot.yml", text)
+    return (folder / "robot.yml",)
 
 
 def _export_responses(run: Run, target: str) -> tuple[Path, ...]:

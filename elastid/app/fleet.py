@@ -9,20 +9,19 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from datetime import date
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from elastid.app.console import Console
-from elastid.app.provenance import software
 from elastid.app.run import Run, logged_in, run_all
+from elastid.app.work import software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
-from elastid.base.files import make_folder, own_path
+from elastid.base.files import own_path
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
 from elastid.store.files import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
@@ -40,19 +39,8 @@ COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 MAX_LISTED = 5
 
 
-@dataclass(frozen=True)
-class FleetRow:
-    """A parameter of a member, with its 95 % interval; std and interval None where it was held."""
-
-    robot: str
-    date: str
-    status: str
-    parameter: str
-    unit: str
-    value: float
-    std: float | None
-    low: float | None
-    high: float | None
+# A parameter of a member, with its 95 % interval; std, low and high None where it was held.
+Row: TypeAlias = dict[str, Any]
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
@@ -63,33 +51,23 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     """
     _check(fleet, folder)
     with logged_in(folder, jobs, console):
-        return _run_members(fleet, folder, jobs, console)
-
-
-def _run_members(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    for name in changed_texts(folder, WRITTEN):
-        console.warn(f"{folder / name} has changed since it was written; it is made again")
-    outcomes = _outcomes(fleet, folder, jobs, console)
-    rows = [
-        row
-        for member, outcome in zip(fleet.members, outcomes, strict=True)
-        if not outcome.failed
-        for row in _rows(folder, member)
-    ]
-    if not rows:
-        raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(outcomes)}")
-    table = _write_table(folder, rows)
-    values = _values(rows)
-    findings = find_changes(values, fleet.false_discovery_rate)
-    units = {row.parameter: row.unit for row in rows}
-    content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate, software())
-    page = write_page_of_fleet(content, folder)
-    keep_checksums(folder, WRITTEN)
-    console.say(f"fleet: {content.verdict}")
-    for path in (table, page):
-        console.say(str(path))
-    _raise_for(fleet.name, outcomes)
-    return page
+        for name in changed_texts(folder, WRITTEN):
+            console.warn(f"{folder / name} has changed since it was written; it is made again")
+        outcomes = _outcomes(fleet, folder, jobs, console)
+        ends = zip(fleet.members, outcomes, strict=True)
+        rows = [row for member, outcome in ends if not outcome.failed for row in _rows(folder, member)]
+        if not rows:
+            raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(_reasons(outcomes))}")
+        table, values = _write_table(folder, rows), _values(rows)
+        findings = find_changes(values, fleet.false_discovery_rate)
+        units = {row["parameter"]: row["unit"] for row in rows}
+        content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate, software())
+        page = write_page_of_fleet(content, folder)
+        keep_checksums(folder, WRITTEN)
+        for words in (f"fleet: {content.verdict}", str(table), str(page)):
+            console.say(words)
+        _raise_for(fleet.name, outcomes)
+        return page
 
 
 def _check(fleet: Fleet, folder: Path) -> None:
@@ -101,9 +79,9 @@ def _check(fleet: Fleet, folder: Path) -> None:
         except StudyError as error:
             wrong.append(f"{member.words}: {error}")
     if wrong:
-        raise StudyError("\n".join([*wrong[:MAX_LISTED], *_and_more(len(wrong))]))
+        raise StudyError(_listed(wrong))
     try:
-        make_folder(folder, MEMBERS)
+        own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise StudyError(
@@ -121,18 +99,17 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
         if members:
             raise error(
                 f"fleet {name}: {len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
-                f"{_listed(members)}"
+                f"{_listed(_reasons(members))}"
             )
 
 
-def _listed(outcomes: Sequence[Outcome]) -> str:
-    """Names and reasons of the first few."""
-    first = [f"{outcome.words}: {outcome.message}" for outcome in outcomes[:MAX_LISTED]]
-    return "\n".join([*first, *_and_more(len(outcomes))])
+def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
+    return [f"{outcome.words}: {outcome.message}" for outcome in outcomes]
 
 
-def _and_more(count: int) -> list[str]:
-    return [f"and {count - MAX_LISTED} more"] if count > MAX_LISTED else []
+def _listed(lines: Sequence[str]) -> str:
+    rest = [f"and {len(lines) - MAX_LISTED} more"] if len(lines) > MAX_LISTED else []
+    return "\n".join([*lines[:MAX_LISTED], *rest])
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
@@ -156,10 +133,10 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
     try:
         run_all(run)
     except FitError as error:  # the summary says how the fit ended
-        return Outcome(member.robot, member.date, _status(run.folder) or "failed", str(error))
+        return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")) or "failed", str(error))
     except (ElastidError, OSError, MemoryError) as error:
         return Outcome(member.robot, member.date, "failed", str(error))
-    return Outcome(member.robot, member.date, _status(run.folder), "")
+    return Outcome(member.robot, member.date, str(_summary(run.folder).get("status", "")), "")
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -168,46 +145,42 @@ def _summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def _status(folder: Path) -> str:
-    return str(_summary(folder).get("status", ""))
-
-
-def _rows(folder: Path, member: Member) -> Iterator[FleetRow]:
-    """The parameters in the summary of a member; none where it failed."""
+def _rows(folder: Path, member: Member) -> Iterator[Row]:
     summary = _summary(folder / MEMBERS / member.name)
-    for name, row in summary.get("parameters", {}).items():
-        low, high = row.get("interval95") or (None, None)
-        yield FleetRow(
-            member.robot, member.date, str(summary["status"]), name, row["unit"], row["value"], row.get("std"),
-            low, high,
-        )  # fmt: skip
+    for name, number in summary.get("parameters", {}).items():
+        row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
+        low, high = number.get("interval95") or (None, None)
+        yield row | {
+            "unit": number["unit"],
+            "value": number["value"],
+            "std": number.get("std"),
+            "low": low,
+            "high": high,
+        }
 
 
-def _values(rows: Sequence[FleetRow]) -> tuple[FleetValue, ...]:
+def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     """Numbers that were identified and can be relied on, their dates as days."""
     return tuple(
-        FleetValue(row.robot, float(date.fromisoformat(row.date).toordinal()), row.parameter, row.value, row.std)
-        for row in rows
-        if row.std is not None and row.status in COMPARED
+        FleetValue(r["robot"], float(date.fromisoformat(r["date"]).toordinal()), r["parameter"], r["value"], r["std"])
+        for r in rows
+        if r["std"] is not None and r["status"] in COMPARED
     )
 
 
-def _write_table(folder: Path, rows: Sequence[FleetRow]) -> Path:
+def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
     """fleet.parquet, a row each parameter of each member; fleet.csv where no reader of Parquet is installed."""
-    columns = list(asdict(rows[0]))
     if find_spec("pyarrow") is None:
         path = folder / "fleet.csv"
         with text_file(path) as file:
-            csv.writer(file, lineterminator="\n").writerows(
-                [columns, *([*map(csv_cell, asdict(row).values())] for row in rows)]
-            )
+            csv.writer(file, lineterminator="\n").writerows([list(rows[0]), *(map(csv_cell, r.values()) for r in rows)])
         return path
     import pyarrow
     import pyarrow.parquet
 
     path = folder / "fleet.parquet"
-    columns_of = {name: [getattr(row, name) for row in rows] for name in columns}
-    table = pyarrow.table(columns_of, metadata={"elastid": "fleet", "format": "1", "made by": software()})
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    table = pyarrow.table(columns, metadata={"elastid": "fleet", "format": "1", "made by": software()})
     with replacing(path) as temporary:
         pyarrow.parquet.write_table(table, temporary)
     return path

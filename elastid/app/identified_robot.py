@@ -127,7 +127,6 @@ def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Frictio
 
 
 def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
-
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):

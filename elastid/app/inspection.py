@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.arrays import FloatArray, ValueRange, shown_values, value_range
+from elastid.base.arrays import FloatArray, shown_values, value_range
+from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.nonlinear.result import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
-from elastid.recorded.files.log import ArrayLog, StoredArray
+from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
@@ -33,66 +33,36 @@ from elastid.store.reading import described as described_artefact
 from elastid.store.results import read_fit
 
 
-@dataclass(frozen=True)
-class SignalSummary:
-    """remark: rate, missing values, or why it cannot be read.  values: None where it cannot."""
-
-    name: str
-    shape: tuple[int, ...]
-    unit: str
-    values: ValueRange | None
-    remark: str = ""
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Name, shape, unit, first, lowest and highest value as texts."""
-        ends = self.values
-        numbers = ("", "", "") if ends is None else (f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}")
-        return (self.name, " x ".join(map(str, self.shape)), self.unit, *numbers)
-
-
-def signal_summary(name: str, array: StoredArray) -> SignalSummary:
-    """Of an array, read in pieces where its format can."""
+def _signal_row(
+    name: str, shape: tuple[int, ...], unit: str, pieces: Iterator[NDArray[Any]], rate_hz: float | None = None
+) -> tuple[str, ...]:
+    """Name, shape, unit, first, lowest and highest value; and rate, missing values, or why it cannot be read."""
+    about = (name, " x ".join(map(str, shape)), unit)
     try:
-        blocks = array.blocks()
-        start = next(blocks, np.zeros(0))
-        values = value_range(chain([start], blocks))
+        start = next(pieces, np.zeros(0))
+        ends = value_range(chain([start], pieces))
     except DataError as error:
-        return SignalSummary(name, array.shape, array.units, None, f"cannot be read: {error}")
-    return SignalSummary(name, array.shape, array.units, values, _remark(start, values, array.rate_hz))
-
-
-def text_summaries(log: TextLog) -> list[SignalSummary]:
-    """Of every column of a text log, those with words among them as well."""
-    named = log.named_columns()
-    try:
-        columns: Iterable[FloatArray | DataError] = log.columns(range(len(named))).T
-    except DataError:
-        columns = [_column(log, i) for i in range(len(named))]
-    return [_of_column(name, shape, x) for (name, shape), x in zip(named, columns, strict=True)]
-
-
-def _column(log: TextLog, i: int) -> FloatArray | DataError:
-    try:
-        return log.columns([i])[:, 0]
-    except DataError as error:
-        return error
-
-
-def _of_column(name: str, shape: tuple[int, ...], x: FloatArray | DataError) -> SignalSummary:
-    if isinstance(x, DataError):
-        return SignalSummary(name, shape, "", None, f"cannot be read: {x}")
-    values = value_range([x])
-    return SignalSummary(name, shape, "", values, _remark(x, values, None))
-
-
-def _remark(start: NDArray[Any], values: ValueRange, rate_hz: float | None) -> str:
-    remarks = [f"{values.missing} values are not finite"] if values.missing else []
+        return (*about, "", "", "", f"cannot be read: {error}")
+    remarks = [f"{ends.missing} values are not finite"] if ends.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
     elif rise := _rise(start):
         remarks.append(rise)
-    return "; ".join(remarks)
+    return (*about, f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}", "; ".join(remarks))
+
+
+def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
+    """Of every column of a text log, those with words among them as well."""
+    named = log.named_columns()
+    try:
+        signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
+    except DataError:
+        signals = [_column(log, i) for i in range(len(named))]
+    return [_signal_row(name, shape, "", x) for (name, shape), x in zip(named, signals, strict=True)]
+
+
+def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
+    yield log.columns([i])[:, 0]
 
 
 def _rise(start: NDArray[Any]) -> str:
@@ -113,7 +83,7 @@ def _rise(start: NDArray[Any]) -> str:
 
 # Share of the steps of a time that are near their median; other signals that rise have fewer.
 _REGULAR = 0.9
-_COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
+_COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".pdf", ".png", ".svg", ".yml")
 _OBJECTS = (
@@ -137,11 +107,9 @@ def described(path: Path) -> str:
 def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
-    if kind_of(path) is not None:
-        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}.get(
-            kind_of(path) or "", lambda _: iter(())
-        )
-        return [described_artefact(path), *numbers(path)]
+    if (kind := kind_of(path)) is not None:
+        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}
+        return [described_artefact(path), *(numbers[kind](path) if kind in numbers else ())]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
     if path.suffix.lower() in _WITHOUT_SIGNALS and is_as_written(path):
@@ -156,31 +124,26 @@ def _lines(path: Path) -> list[str]:
 
 
 def _log_lines(path: Path) -> list[str]:
-    """The signals of a log, and whatever else is in it."""
     text = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, text) as log:
         if isinstance(log, TextLog):
-            signals, contents = text_summaries(log), []
+            signals, contents = _text_rows(log), []
         else:
             arrays = log.arrays if isinstance(log, ArrayLog) else {}
-            signals = [signal_summary(name, array) for name, array in arrays.items() if array.is_signal]
+            signals = [
+                _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)
+                for name, array in arrays.items()
+                if array.is_signal
+            ]
             contents = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
-        lines += _table(signals)
+        lines += [f"  {line}" for line in columns([_COLUMNS, *signals])]
         lines += ["other contents, which cannot be channels:", *contents] if contents else []
     if not signals and path.suffix.lower() == ".mat":
         lines.append(f"  {_OBJECTS}; {HOW_TO_SAVE}")
     return lines
-
-
-def _table(signals: Sequence[SignalSummary]) -> Iterator[str]:
-    rows = [_COLUMNS, *(signal.cells for signal in signals)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
-    for row, remark in zip(rows, ("", *(signal.remark for signal in signals)), strict=True):
-        cells = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        yield f"  {cells}  {remark}".rstrip()
 
 
 def _other(array: Any) -> str:
@@ -194,16 +157,19 @@ def _other(array: Any) -> str:
         return str(error)
 
 
+def _number_line(name: str, value: float, unit: str, std: float | None, interval: Sequence[float] = ()) -> str:
+    """A number with its standard deviation and 95 % interval, where it has any."""
+    number = f"    {name} = {value:.6g} {unit}".rstrip()
+    return number if std is None else f"{number} ({std:.2g}; {interval[0]:.6g} to {interval[1]:.6g})"
+
+
 def _parameters(path: Path) -> Iterator[str]:
-    """The identified parameters of a fit, with standard deviation and 95 % interval."""
     result = read_fit(path)
     yield f"  {result.status}; parameters (standard deviation; 95 % interval):"
     for parameter in result.parameters:
-        value = f"    {parameter.name} = {result.values[parameter.name]:.6g} {parameter.unit}"
-        if parameter.name in result.std:
-            low, high = result.interval(parameter.name)
-            value += f" ({result.std[parameter.name]:.2g}; {low:.6g} to {high:.6g})"
-        yield value.rstrip()
+        name, std = parameter.name, result.std.get(parameter.name)
+        interval = () if std is None else result.interval(name)
+        yield _number_line(name, result.values[name], parameter.unit, std, interval)
 
 
 def _friction(path: Path) -> Iterator[str]:
@@ -215,25 +181,22 @@ def _friction(path: Path) -> Iterator[str]:
         yield "  friction taken out of the torque, link side (standard deviation; 95 % interval):"
     for row in friction_rows(friction):
         if row.level is not None and row.std is not None and row.interval is not None:
-            low, high = row.interval
-            yield f"    {row.place}: F_c = {row.level:.6g} {row.unit} ({row.std:.2g}; {low:.6g} to {high:.6g})"
+            yield _number_line(f"{row.place}: F_c", row.level, row.unit, row.std, row.interval)
     yield from (f"  {note}" for note in friction.notes if note.code != "friction-taken-out")
 
 
 def _friction_numbers(path: Path) -> Iterator[str]:
-    """The numbers of friction that were identified, with standard deviation and 95 % interval; and what was not."""
+    """The numbers of friction that were identified, and what was not."""
     result = read_friction_result(path)
     yield f"  {result.status}; friction, link side (standard deviation; 95 % interval):"
     for each in result.numbers:
-        value = f"    {each.name} = {each.value:.6g} {each.unit}".rstrip()
-        yield f"{value} ({each.std:.2g}; {each.low:.6g} to {each.high:.6g})"
+        yield _number_line(each.name, each.value, each.unit, each.std, (each.low, each.high))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             yield f"  no {refusal.part} (joint {', '.join(refusal.joints)}): {refusal.reason}"
 
 
 def _json_lines(path: Path) -> Iterator[str]:
-    """The numbers and texts of summary.json and the like; DataError where it is no JSON."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

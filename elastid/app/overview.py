@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from elastid.base.display import columns
 from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -20,45 +21,43 @@ if TYPE_CHECKING:
 def overview(study: Study) -> str:
     """A page of plain text."""
     if study.friction is not None:
-        return "\n".join([*_robot(study), "", *_friction(study)])
-    if study.robot is None:
-        return "\n".join([*_structure(study), "", *_experiments(study), "", *_plan_of_work(study)])
-    return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])
+        parts = [_robot(study), _friction(study)]
+    else:
+        about = [_structure(study)] if study.robot is None else [_robot(study), _unknowns(study)]
+        parts = [*about, _experiments(study), _plan_of_work(study)]
+    return "\n\n".join("\n".join(part) for part in parts)
 
 
 def _robot(study: Study) -> Iterator[str]:
     robot = study.as_robot()
     elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
     yield f"study {study.name}, robot {robot.name}"
-    bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
+    bodies, joints = _plural(len(robot.bodies), "body", "bodies"), _plural(len(robot.joints), "joint")
     yield (
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
     yield from _nonlinear(study)
-    coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
-    loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    coordinates = _plural(len((*robot.joints, *robot.flexible)), "coordinate")
+    loops = (
+        f", {_plural(len(robot.loops), 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    )
     formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
     carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
     yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
-    riding = [
-        f"{joint.name} on {joint.motor.on}" for joint in robot.driven if joint.motor is not None and joint.motor.on
-    ]
-    if riding:
+    motors = ((joint.name, joint.motor) for joint in robot.driven)
+    if riding := [f"{name} on {motor.on}" for name, motor in motors if motor is not None and motor.on]:
         yield f"  motors that ride on bodies: {', '.join(riding)}"
     if robot.gears:
         yield f"  coupled gears: {', '.join(f'motor {gear.motor} with joint {gear.joint}' for gear in robot.gears)}"
 
 
 def _nonlinear(study: Study) -> Iterator[str]:
-    """Nonlinear springs and gravity compensators."""
     springs = {joint.name: joint.spring for joint in study.as_robot().joints if joint.spring is not None}
-    bent = [name for name, spring in springs.items() if not spring.is_linear]
-    if bent:
+    if bent := [name for name, spring in springs.items() if not spring.is_linear]:
         yield f"  nonlinear springs: {', '.join(bent)}; the fit uses their tangent under gravity"
-    gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
-    if gaps:
+    if gaps := [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]:
         yield f"  backlash: {', '.join(gaps)}; take configurations in which gravity loads these joints"
     for compensator in study.as_robot().compensators:
         kind = "coil" if compensator.coil is not None else "gas spring"
@@ -76,20 +75,21 @@ def _structure(study: Study) -> Iterator[str]:
     for role, noun in (("u", "input"), ("y", "output")):
         ours = [channel for channel in channels if channel.role == role]
         places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)
-        yield f"  {_count(ours, noun)}: {', '.join(places)}"
+        yield f"  {_plural(len(ours), noun)}: {', '.join(places)}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
     parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
-    robots = [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]
-    if robots:
+    if robots := [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]:
         yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
-    yield _count(parameters.free, "unknown")
+    yield _plural(len(parameters.free), "unknown")
     rows = [("  name", "start", "lower", "upper", "unit")]
-    rows += [("  " + p.name, _g(p.value), _g(p.lower), _g(p.upper), p.unit + _prior(p)) for p in parameters.free]
-    yield from _columns(rows)
-    ties = [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]
-    if ties:
+    rows += [
+        ("  " + p.name, f"{p.value:.5g}", f"{p.lower:.5g}", f"{p.upper:.5g}", p.unit + _prior(p))
+        for p in parameters.free
+    ]
+    yield from columns(rows)
+    if ties := [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]:
         yield f"  tied: {', '.join(ties)}"
 
 
@@ -101,12 +101,12 @@ def _experiments(study: Study) -> Iterator[str]:
     experiment, excitation = study.experiment, study.excitation
     names = ", ".join(experiment.configurations)
     if experiment.recorded is not None:
-        configurations = _count(experiment.configurations, "configuration")
-        yield f"{_count(experiment.recorded.files, 'log file')} of {configurations} ({names})"
+        configurations = _plural(len(experiment.configurations), "configuration")
+        yield f"{_plural(len(experiment.recorded.files), 'log file')} of {configurations} ({names})"
         return
     if experiment.responses is not None:
-        files = _count(experiment.responses.files, "frequency response")
-        yield f"{files} from elsewhere of {_count(experiment.configurations, 'configuration')} ({names})"
+        files = _plural(len(experiment.responses.files), "frequency response")
+        yield f"{files} from elsewhere of {_plural(len(experiment.configurations), 'configuration')} ({names})"
         return
     E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations
     Q = len(experiment.configurations)
@@ -156,9 +156,8 @@ def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
         f"{excitation.rate_hz:g} Hz"
     )
     as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
-    shaped = f"flat in {excitation.flat}"
-    if excitation.flat == "information":
-        shaped = "spectra with the most information about the parameters"
+    informative = "spectra with the most information about the parameters"
+    shaped = informative if excitation.flat == "information" else f"flat in {excitation.flat}"
     yield (
         f"  {excitation.phases} phases, {excitation.orthogonal} set, {shaped}, {as_large} "
         f"({excitation.margin:.0%} of every limit stays free)"
@@ -185,23 +184,22 @@ def _plan_of_work(study: Study) -> Iterator[str]:
 
 def _friction(study: Study) -> Iterator[str]:
     """Plain text below the lines on the robot; StudyError where a simulated study cannot be planned."""
-    joints = ", ".join(joint.name for joint in study.friction_joints)
-    yield f"friction of joint{'s' if len(study.friction_joints) > 1 else ''} {joints}"
-    if study.experiment.recorded is not None:
-        files = study.experiment.recorded.files
-        yield f"  {len(files)} log file{'s' if len(files) > 1 else ''}; passes are found in them, the rest is regressed"
-        stated = [f"{file.path}: {file.speed:.4g}" for file in files if file.speed is not None]
-        if stated:
+    joints, recorded = study.friction_joints, study.experiment.recorded
+    yield f"friction of joint{'s' if len(joints) > 1 else ''} {', '.join(joint.name for joint in joints)}"
+    if recorded is not None:
+        yield f"  {_plural(len(recorded.files), 'log file')}; passes are found in them, the rest is regressed"
+        if stated := [f"{file.path}: {file.speed:.4g}" for file in recorded.files if file.speed is not None]:
             yield f"  speeds given (SI): {', '.join(stated)}"
     else:
         from elastid.design.friction import design_friction  # brings CasADi, which other overviews do not need
 
-        spec, robot = study.as_friction(), study.as_robot()
-        yield from _motions(design_friction(spec, study.friction_joints, study.experiment, robot, study.seed))
+        yield from _motions(
+            design_friction(study.as_friction(), joints, study.experiment, study.as_robot(), study.seed)
+        )
     yield ""
     yield (
-        f"will {'import the logs' if study.experiment.recorded is not None else 'plan and simulate the motions'}, find "
-        "the levels, identify the law, write identified_robot.yml and the report"
+        f"will {'import the logs' if recorded is not None else 'plan and simulate the motions'}, find the levels, "
+        "identify the law, write identified_robot.yml and the report"
     )
 
 
@@ -226,19 +224,5 @@ def _motions(plan: FrictionPlan) -> Iterator[str]:
         yield from (f"  {sentence}" for sentence in plan.unknown)
 
 
-def _count(things: Collection[object], noun: str, plural: str = "") -> str:
-    return _plural(len(things), noun, plural)
-
-
 def _plural(number: int, noun: str, plural: str = "") -> str:
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-
-
-def _g(value: float) -> str:
-    return f"{value:.5g}"

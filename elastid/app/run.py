@@ -12,21 +12,13 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.provenance import extra_file, handed_values, software, stamps, with_extras
-from elastid.app.stage_table import (
-    FRICTION,
-    SIMULATED,
-    Source,
-    Stage,
-    function_of,
-    module_of,
-    stages_of,
-    stages_of_study,
-)
-from elastid.app.work import Work
+from elastid.app.stage_table import FRICTION, SIMULATED, Source, Stage, stages_of, stages_of_study
+from elastid.app.work import Work, extra_file, file_hash, handed_values, hash_of, software
+from elastid.app.work import stamps as stamps_of
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
@@ -51,12 +43,18 @@ class Run:
 
     @property
     def stamps(self) -> dict[str, Stamp]:
-        """The stamp that the result of each stage must carry."""
-        return {name: with_extras(stamp, self.stages[name], self.folder) for name, stamp in self._stamps.items()}
+        """The stamp that the result of each stage must carry; files that other commands have left contribute to it."""
+        stamps = dict(self._stamps)
+        for stage, row in self.stages.items():
+            extras = [(name, path) for name in row.extras if (path := extra_file(self.folder, name)) is not None]
+            if extras:
+                inputs = hash_of([stamps[stage].inputs, [[name, file_hash(path)] for name, path in extras]])
+                stamps[stage] = replace(stamps[stage], inputs=inputs)
+        return stamps
 
     @cached_property
     def _stamps(self) -> dict[str, Stamp]:
-        return stamps(self.loaded)
+        return stamps_of(self.loaded)
 
     @cached_property
     def stages(self) -> dict[str, Stage]:
@@ -75,25 +73,21 @@ class Run:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
         return own_path(self.folder, self.path(stage).with_suffix(".partial").name)
 
-    def sources(self, stage: str) -> dict[str, Path | None]:
-        """Files of the earlier results that a stage reads, by argument; None for an optional one that is missing."""
-        declared = [source for source in self.stages[stage].sources if source.stage in self.stages]
-        return {
-            source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
-            for source in declared
-        }
-
     def handed(self, stage: str) -> dict[str, Any]:
-        """The arguments of a stage: what its row declares, and nothing else."""
-        row = self.stages[stage]
-        extras = {name.partition(".")[0]: extra_file(self.folder, name) for name in row.extras}
-        return handed_values(self.loaded, row) | self.sources(stage) | extras
+        """The arguments of a stage: what its row declares, the ways of working on it, and nothing else.
 
-    def work(self, stage: str) -> Work:
-        """The ways of working on a stage."""
-        stamp, sources = replace(self.stamps[stage], study=""), self.sources(stage).values()
-        read = tuple(path for path in sources if path is not None)
-        return Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
+        Of earlier results the files; None for an optional one that is missing.
+        """
+        row = self.stages[stage]
+        sources = {
+            source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
+            for source in row.sources
+            if source.stage in self.stages
+        }
+        extras = {name.partition(".")[0]: extra_file(self.folder, name) for name in row.extras}
+        stamp, read = replace(self.stamps[stage], study=""), tuple(filter(None, sources.values()))
+        work = Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
+        return {**handed_values(self.loaded, row), **sources, **extras, "work": work}
 
     def is_made(self, source: Source) -> bool:
         """True if the result of an earlier stage, or its part, is there, made from the same inputs by any version."""
@@ -112,28 +106,31 @@ class Run:
         return wanted.inputs in text and wanted.code in text
 
     def require_stage(self, name: str) -> None:
-        """Refuse a stage of the other kind of study: of friction, or of elasticity; StudyError."""
-        kind = "friction" if self.study.friction is not None else "elasticity"
-        of_kind = FRICTION if self.study.friction is not None else SIMULATED
-        if name not in stages_of(of_kind):
+        """Refuse a stage that this study, or its kind of study or experiment, does not have; StudyError."""
+        if name in self.stages:
+            return
+        self.study.as_robot()
+        of_friction = self.study.friction is not None
+        stages = stages_of(FRICTION if of_friction else SIMULATED)
+        if name not in stages:
             raise StudyError(
-                f"{self.loaded.path}: the study identifies {kind}, which has no stage `{name}`; its stages are "
-                f"{', '.join(self.stages)}"
+                f"{self.loaded.path}: the study identifies {'friction' if of_friction else 'elasticity'}, which has no "
+                f"stage `{name}`; its stages are {', '.join(self.stages)}"
             )
-        if needed := stages_of(of_kind)[name].needs:
+        if needed := stages[name].needs:
             raise StudyError(
                 f"{self.loaded.path}: `{name}` needs the section `{needed}` of the study; give {needed}: {{}}, all of "
                 "its keys have defaults"
             )
+        kind = {"responses": "frequency responses from elsewhere"}.get(self.study.experiment.kind, "recorded")
+        raise StudyError(
+            f"{self.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "
+            f"`{next(iter(self.stages))}`"
+        )
 
     def require(self, stage: str) -> None:
-        """Refuse to go on without the results that a stage reads; StudyError says which command makes them.
-
-        Or that the study has no robot, where it lacks the stage for that.
-        """
-        if stage not in self.stages:
-            self.study.as_robot()
-            self.require_stage(stage)
+        """Refuse to go on without the stage, or the results that it reads; StudyError says which command makes them."""
+        self.require_stage(stage)
         for source in self.stages[stage].sources:
             if source.stage in self.stages and not source.optional:
                 self.require_result(source.stage, source.part)
@@ -158,12 +155,6 @@ class Run:
             made_by = stamp.software or f"elastid {stamp.version}"
             self.console.warn(f"{path} was made by other versions ({made_by}) and is used as is")
 
-    @contextmanager
-    def logged(self) -> Iterator[None]:
-        """Messages go to run.log in the folder too, with the end of the work; ElastidError for a second writer."""
-        with logged_in(self.folder, self.jobs, self.console):
-            yield
-
 
 @contextmanager
 def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
@@ -186,7 +177,7 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
 def run_all(run: Run) -> None:
     """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
     _load_for_workers(run, [stage for name, stage in run.stages.items() if not run.is_current(name)])
-    with run.logged(), lasting_workers():
+    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         for name, stage in run.stages.items():
             if run.is_current(name):
                 run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
@@ -198,26 +189,18 @@ def run_all(run: Run) -> None:
                 carry_out(run, name)
         for stage in run.stages.values():
             if stage.conclude:
-                function_of(stage.conclude)(run)
+                resolve_name(stage.conclude)(run)
 
 
 def run_stage(run: Run, name: str) -> None:
     """One stage, current or not; StudyError where a result that it reads is missing or out of date."""
-    if name not in run.stages:
-        run.study.as_robot()
-        run.require_stage(name)
-        kind = {"responses": "frequency responses from elsewhere"}.get(run.study.experiment.kind, "recorded")
-        raise StudyError(
-            f"{run.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "
-            f"`{next(iter(run.stages))}`"
-        )
-    stage = run.stages[name]
     run.require(name)
+    stage = run.stages[name]
     _load_for_workers(run, [stage])
-    with run.logged(), lasting_workers():
+    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         carry_out(run, name)
         if stage.conclude:
-            function_of(stage.conclude)(run)
+            resolve_name(stage.conclude)(run)
 
 
 def carry_out(run: Run, name: str) -> None:
@@ -225,7 +208,7 @@ def carry_out(run: Run, name: str) -> None:
     stage = run.stages[name]
     for extra in changed_texts(run.folder, stage.extras):
         run.console.warn(f"{run.folder / extra} has changed since it was written and is left out; make it again")
-    artefacts = function_of(stage.function)(**run.handed(name), work=run.work(name))
+    artefacts = resolve_name(stage.function)(**run.handed(name))
     for later in stage.outdates:
         if not run.is_current(later):  # of another result; no program is to read it next to this one's
             run.summary(later).unlink(missing_ok=True)
@@ -242,7 +225,6 @@ def carry_out(run: Run, name: str) -> None:
 
 
 def _report_damage(run: Run, path: Path, stage: Stage) -> None:
-    """Warn that a result is made again because its files have changed."""
     damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
     if path.suffix == ".h5" and path.is_file() and not is_intact(path):
         damaged.append(path)
@@ -251,9 +233,8 @@ def _report_damage(run: Run, path: Path, stage: Stage) -> None:
 
 
 def _load_for_workers(run: Run, stages: Sequence[Stage]) -> None:
-    """Load the libraries of stages once, for several processes."""
     if run.jobs > 1 and stages:
-        load_for_workers([module_of(stage.function) for stage in stages])
+        load_for_workers([stage.module for stage in stages])
 
 
 def all_cores() -> int:

@@ -15,8 +15,6 @@ from elastid.base.files import unlinked
 from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
 
-DEMO = "serial"
-STUDY = "study.yml"
 # Numbers that the fit of the template `recorded` is to identify, and the torque constant in its study.
 TRUTH: Mapping[str, float] = {"k_1": 64.0, "d_1": 0.014, "Jm_1": 1.2e-3, "I_load": 0.8e-3, "fm_1": 2e-3}
 TORQUE_CONSTANT = 0.17
@@ -29,30 +27,27 @@ def new(folder: Path, template: str) -> Path:
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
-    _write_template(folder, template)
+    study = _write_template(folder, template)
     if template in EXAMPLE_LOGS:
         EXAMPLE_LOGS[template](folder)
-    return folder / STUDY
+    return study
 
 
 def demo(folder: Path) -> Path:
     """The demo's study in its run folder, to copy and edit; existing files are kept."""
-    _write_template(folder, DEMO)
-    return folder / STUDY
+    return _write_template(folder, "serial")
 
 
-def _write_template(folder: Path, template: str) -> None:
+def _write_template(folder: Path, template: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    for source in (files("elastid.app") / "templates" / template).iterdir():
-        _write(folder / source.name, source.read_text(encoding="utf-8"))
-    _write(folder / SCHEMA_NAME, json.dumps(make_schema(), indent=1) + "\n")
-
-
-def _write(path: Path, text: str) -> None:
-    if not path.exists():
-        # Not through a link to a file that is yet to be made.
-        with open(path, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
-            file.write(text)
+    sources = (files("elastid.app") / "templates" / template).iterdir()
+    texts = {source.name: source.read_text(encoding="utf-8") for source in sources}
+    for name, text in (texts | {SCHEMA_NAME: json.dumps(make_schema(), indent=1) + "\n"}).items():
+        if not (folder / name).exists():
+            # Not through a link to a file that is yet to be made.
+            with open(folder / name, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
+                file.write(text)
+    return folder / "study.yml"
 
 
 def write_shaken_masses(folder: Path) -> None:
@@ -75,9 +70,8 @@ def write_elastic_joint(folder: Path) -> None:
     from elastid.experiment.specs.simulated import SimulatedSpec
     from elastid.study import load_robot
 
-    robot = load_robot(folder / "robot.yml")
+    robot, seed = load_robot(folder / "robot.yml"), 1
     noise = NoiseSpec(torque_std=1e-4, angle_std=2e-6)
-    seed = 1
     rig = SimulatedSpec(truth=dict(TRUTH), outputs=("motor 1", "joint 1"), noise=noise)
     experiment = ExperimentSpec({"bench": (0.0,)}, periods=4, simulated=rig)
     excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(1, 150), torque_rms=0.1)
@@ -95,5 +89,4 @@ EXAMPLE_LOGS: Mapping[str, Callable[[Path], None]] = {"recorded": write_elastic_
 def _write_log(path: Path, columns: Sequence[str], values: FloatArray) -> None:
     path.parent.mkdir(exist_ok=True)
     with text_file(path) as file:
-        file.write(",".join(columns) + "\n")
-        np.savetxt(file, values, fmt="%.6g", delimiter=",")
+        np.savetxt(file, values, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -67,22 +66,22 @@ class Source:
 class Stage:
     """A stage of some kinds of study: function(*, <values>, work) -> Artefacts, see `elastid.app.work`.
 
-    help: one line for the command of its name.  values: of the study.  sources: results of earlier stages.
-    files(values, folder): named by the study, handed over as `files`.  extras: files of the run folder that other
-    commands leave, handed over by their stem where they are as written, else None.  leaves: the first file carries the
-    stamp, the second is for programs.  patterns: of further files that it leaves.  outdates: stages whose
+    values: of the study.  sources: results of earlier stages.  help: of the command of its name, in the first row of
+    that name.  files(values, folder): named by the study, handed over as `files`.  extras: files of the run folder that
+    other commands leave, handed over by their stem where they are as written, else None.  leaves: the first file
+    carries the stamp, the second is for programs.  patterns: of further files that it leaves.  outdates: stages whose
     summary goes when the files of this one are written, unless it is current.  part(study): the values on which the
     part of the result depends that later stages read; None for all of it.  needs: a section without which a study has
-    not this stage.  function, conclude: "module:name" below elastid.app.stages.  conclude(run): shows the result at
-    the end of a run; FitError where it cannot be trusted.
+    not this stage.  function, conclude: "module:name".  conclude(run): shows the result at the end of a run; FitError
+    where it cannot be trusted.
     """
 
     name: str
-    help: str
     kinds: tuple[str, ...]
-    values: tuple[Value, ...]
     leaves: tuple[str, ...]
     function: str
+    values: tuple[Value, ...]
+    help: str = ""
     sources: tuple[Source, ...] = ()
     files: Callable[[Mapping[str, Any], Path], NamedFiles] | None = None
     extras: tuple[str, ...] = ()
@@ -91,6 +90,11 @@ class Stage:
     part: Callable[[Study], tuple[Value, ...] | None] | None = None
     needs: str = ""
     conclude: str = ""
+
+    @property
+    def module(self) -> str:
+        """The module of its function."""
+        return self.function.partition(":")[0]
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -159,180 +163,102 @@ def plan_values(study: Study) -> tuple[Value, ...] | None:
     return None if chosen else PLAN
 
 
-def motion_values(study: Study) -> tuple[Value, ...]:
-    """Values on which the planned motions of a friction study depend."""
-    return MOTIONS
-
-
 DESIGN_PART = Source("design", part=True)
 # Values of everything that is said of a fit: the truth of a simulated rig among them.
 FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
 
+# A row: name, kinds, leaves, function; then what it is handed, and what else is particular to it.
 STAGES = (
     Stage(
-        name="design",
-        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
-        kinds=(SIMULATED,),
+        "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
-            *values("estimator.quantity", "estimator.friction"),
-            Value("fit", without=SEARCH),
+            *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
         ),
-        leaves=("plan.h5",),
-        function="design:design",
-        files=earlier_measurements,
-        patterns=("references/*.csv",),
-        part=plan_values,
+        files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,
+        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
     ),
     Stage(
-        name="measure",
+        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate",
+        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
         help="Simulate the experiments or import the recorded logs: records.h5.",
-        kinds=(SIMULATED,),
-        values=values("seed", "robot", "experiment"),
-        sources=(DESIGN_PART,),
-        leaves=("records.h5",),
-        function="measure:simulate",
     ),
     Stage(
-        name="measure",
-        help="Simulate the experiments or import the recorded logs: records.h5.",
-        kinds=(RECORDED, FRF),
-        values=values("places", "experiment"),
-        leaves=("records.h5",),
-        function="measure:import_logs",
-        files=logs,
+        "measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs",
+        values=values("places", "experiment"), files=logs,
     ),
     Stage(
-        name="estimate",
+        "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
+        values=values("robot", "estimator"), sources=(DESIGN_PART, Source("measure")),
         help="Estimate the frequency responses with their covariance: frf.h5.",
-        kinds=(SIMULATED, RECORDED, FRF),
-        values=values("robot", "estimator"),
-        sources=(DESIGN_PART, Source("measure")),
-        leaves=("frf.h5",),
-        function="estimate:estimate",
     ),
     Stage(
-        name="estimate",
-        help="Estimate the frequency responses with their covariance: frf.h5.",
-        kinds=(RESPONSES, FRF_RESPONSES),
-        values=values("robot", "places", "experiment", "estimator"),
-        leaves=("frf.h5",),
-        function="estimate:import_responses",
-        files=responses,
+        "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
+        values=values("robot", "places", "experiment", "estimator"), files=responses,
     ),
     Stage(
-        name="fit",
+        "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
+        values=(*FITTED, Value("validation.left_out")), sources=(Source("estimate"),),
+        patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
-        kinds=WITH_A_ROBOT,
-        values=(*FITTED, Value("validation.left_out")),
-        sources=(Source("estimate"),),
-        leaves=("fit.h5", "summary.json"),
-        function="fit:fit",
-        patterns=("identified_robot*.yml",),
-        outdates=("validate",),
-        conclude="fit:conclude",
     ),
     Stage(
-        name="validate",
-        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
-        kinds=WITH_A_ROBOT,
+        "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
         values=(*FITTED, *values("seed", "estimator", "validation")),
         sources=(
-            Source("design", part=True, optional=True),
-            Source("measure", optional=True),
-            *(Source("estimate"), Source("fit")),
+            Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
+            Source("fit"),
         ),
-        leaves=("validation.h5", "validation.json"),
-        function="validate:validate",
+        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
     ),
     Stage(
-        name="report",
-        help="Write the page and the figures: report.html and figures/.",
-        kinds=WITH_A_ROBOT,
+        "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
         values=(*FITTED, *values("text", "report")),
-        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")),
-        leaves=("report.html", "figures"),
-        function="report:report",
-        extras=("compare.json",),
-    ),
-    Stage(
-        name="report",
+        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")), extras=("compare.json",),
         help="Write the page and the figures: report.html and figures/.",
-        kinds=(FRF, FRF_RESPONSES),
-        values=values("name", "estimator", "text", "report"),
-        sources=(Source("estimate"),),
-        leaves=("report.html", "figures", "peaks.csv"),
-        function="report:report_responses",
     ),
     Stage(
-        name="design",
-        help="Plan the passes and other motions within the robot's limits: plan.h5 and references/*.csv.",
-        kinds=(FRICTION,),
-        values=values("seed", "robot", "friction_joints", "experiment", "friction"),
-        leaves=("plan.h5",),
-        function="friction:design_motions",
-        patterns=("references/*.csv",),
-        part=motion_values,
+        "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "peaks.csv"),
+        "elastid.app.stages.report:report_responses",
+        values=values("name", "estimator", "text", "report"), sources=(Source("estimate"),),
     ),
     Stage(
-        name="measure",
-        help="Simulate the motions or import the recorded logs: records.h5.",
-        kinds=(FRICTION,),
-        values=values("seed", "robot", "experiment"),
-        sources=(DESIGN_PART,),
-        leaves=("records.h5",),
-        function="friction:simulate_motions",
+        "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",
+        values=values("seed", "robot", "friction_joints", "experiment", "friction"), patterns=("references/*.csv",),
+        part=lambda study: MOTIONS,
     ),
     Stage(
-        name="measure",
-        help="Simulate the motions or import the recorded logs: records.h5.",
-        kinds=(FRICTION_RECORDED,),
-        values=values("robot", "friction_joints", "experiment", "friction.loads"),
-        leaves=("records.h5",),
-        function="friction:import_motions",
-        files=logs,
+        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions",
+        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
     ),
     Stage(
-        name="levels",
+        "measure", (FRICTION_RECORDED,), ("records.h5",), "elastid.app.stages.friction:import_motions",
+        values=values("robot", "friction_joints", "experiment", "friction.loads"), files=logs,
+    ),
+    Stage(
+        "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
+        values=values("robot", "friction_joints"), sources=(Source("measure"),),
         help="Find the friction at each speed, load and temperature: levels.h5.",
-        kinds=OF_FRICTION,
-        values=values("robot", "friction_joints"),
-        sources=(Source("measure"),),
-        leaves=("levels.h5",),
-        function="friction:levels",
     ),
     Stage(
-        name="friction",
+        "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
+        "elastid.app.stages.friction:friction",
+        values=values("name", "robot", "experiment", "friction"), sources=(Source("measure"), Source("levels")),
+        conclude="elastid.app.stages.friction:conclude",
         help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
-        kinds=OF_FRICTION,
-        values=values("name", "robot", "experiment", "friction"),
-        sources=(Source("measure"), Source("levels")),
-        leaves=("friction.h5", "summary.json", "identified_robot.yml"),
-        function="friction:friction",
-        conclude="friction:conclude",
     ),
     Stage(
-        name="follow",
+        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction",
+        values=values("robot", "filter"), sources=(Source("measure"), Source("friction")), needs="filter",
         help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
         "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
         "bands and names those that the motion cannot identify.",
-        kinds=OF_FRICTION,
-        values=values("robot", "filter"),
-        sources=(Source("measure"), Source("friction")),
-        leaves=("filter.h5",),
-        function="follow:follow_friction",
-        needs="filter",
     ),
     Stage(
-        name="report",
-        help="Write the page and the figures: report.html and figures/.",
-        kinds=OF_FRICTION,
-        values=values("name", "text", "report"),
-        sources=(Source("design"), Source("friction"), Source("follow")),
-        leaves=("report.html", "figures"),
-        function="friction:report_friction",
+        "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",
+        values=values("name", "text", "report"), sources=(Source("design"), Source("friction"), Source("follow")),
     ),
-)
+)  # fmt: skip
 
 
 def stages_of(kind: str) -> dict[str, Stage]:
@@ -346,22 +272,6 @@ def stages_of_study(study: Study) -> dict[str, Stage]:
     return {name: stage for name, stage in stages if not stage.needs or getattr(study, stage.needs) is not None}
 
 
-def all_names() -> tuple[str, ...]:
-    """The names of all stages, in order."""
-    return tuple(dict.fromkeys(stage.name for stage in STAGES))
-
-
-def help_of(name: str) -> str:
-    """The line of help of the command of a stage."""
-    return next(stage.help for stage in STAGES if stage.name == name)
-
-
-def function_of(text: str) -> Any:
-    """The function that a row names as "module:name"."""
-    return getattr(import_module(module_of(text)), text.partition(":")[2])
-
-
-def module_of(text: str) -> str:
-    """The module of the function that a row names as "module:name"."""
-    module = text.partition(":")[0]
-    return module if "." in module else f"elastid.app.stages.{module}"
+def helps() -> dict[str, str]:
+    """The line of help of each stage's command by the name of the stage, in order."""
+    return {stage.name: stage.help for stage in STAGES if stage.help}

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elastid.app.work import Write, text
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -24,14 +24,12 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
-from elastid.store.files import text_file
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.validation.results import Agreement, Validation
-from elastid.validation.twin import BandBalance, TorqueBalance
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -45,7 +43,6 @@ def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
 
 
 def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
-    """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
     configuration = model.configuration
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
@@ -55,24 +52,17 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     return ModeRow(
-        configuration.name,
-        modal.freq_hz,
-        modal.zeta,
-        deviations.freq_std,
-        deviations.zeta_std,
-        elastic.coordinates,
-        shapes,
+        *(configuration.name, modal.freq_hz, modal.zeta, deviations.freq_std, deviations.zeta_std),
+        *(elastic.coordinates, shapes),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
         energy=np.vstack([energy.share, energy.load]),
         drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
     )
 
 
-def write_summary(path: Path, content: Mapping[str, Any]) -> None:
-    """A summary as JSON, whole or not at all; null in place of numbers that are not finite."""
-    with text_file(path) as file:
-        json.dump(json_value(content), file, indent=1, allow_nan=False)
-        file.write("\n")
+def as_json(content: Mapping[str, Any]) -> Write:
+    """Writes a summary as JSON; null in place of numbers that are not finite."""
+    return text(json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
 
 
 def section(value: Any, names: str) -> dict[str, Any]:
@@ -85,9 +75,8 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
     numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
-    return {**_head(name, "failed", message), **numbers, "parameters": {}, "friction": None} | {
-        key: [] for key in lists
-    }
+    rest: dict[str, Any] = {"parameters": {}, "friction": None, **{key: [] for key in lists}}
+    return {**_head(name, "failed", message), **numbers, **rest}
 
 
 def summary(
@@ -105,11 +94,13 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
+    names, r = result.parameters.free_names, result.correlation
+    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(result, "status cost cost_expected dof hits"),
         "parameters": _parameters(result, rows),
         "friction": _friction_section(robot, friction),
-        "correlations_above_0.9": _correlations(result),
+        "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
             section(index, "name group place share drop members alike effects")
             | {
@@ -117,7 +108,7 @@ def summary(
                     dict(zip(("name", "unit", "value", "changed"), member, strict=True))
                     for member in zip(index.members, index.units, index.values.tolist(), index.changed, strict=True)
                 ],
-                "effects": dict(zip(result.parameters.free_names, json_value(index.effects), strict=True)),
+                "effects": dict(zip(names, json_value(index.effects), strict=True)),
             }
             for index in result.indices
         ],
@@ -138,9 +129,9 @@ def interrupted(
         return best | {"status": "interrupted"}
     parameters = choose(spec, robot, tuple(configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
+    unknown = {"std": None, "interval95": [None, None]}
     rows = {
-        p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
-        | {"start": x_start[p.name]}
+        p.name: {"value": values[p.name], **unknown, "unit": p.unit, "at_bound": False, "start": x_start[p.name]}
         for p in parameters.free
     }
     return best | {"status": "interrupted", "cost": json_value(ends[0].cost), "parameters": rows}
@@ -200,10 +191,8 @@ def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings
 
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
-    keys = ("parameters", "not_identified", "motions", "torque", "measured", "warnings", "notes")
-    objects = ("parameters", "motions", "measured")
-    nothing: dict[str, Any] = {key: {} if key in objects else [] for key in keys}
-    return _head(name, "failed", message) | nothing
+    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
+    return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 
 _ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"))
@@ -228,7 +217,11 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
         "torque": [
             section(balance, "place log shares left left_without_friction bands")
             | {"shares": dict(zip(balance.parts, balance.shares, strict=True))}
-            | {"bands": [_band(balance, band) for band in balance.bands]}
+            | {
+                "bands": [
+                    json_value(b) | {"shares": dict(zip(balance.parts, b.shares, strict=True))} for b in balance.bands
+                ]
+            }
             for balance in twin.balances
         ],
         "twin": [
@@ -237,11 +230,6 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             for run in twin.runs
         ],
     }
-
-
-def _band(balance: TorqueBalance, band: BandBalance) -> dict[str, Any]:
-    content: dict[str, Any] = json_value(band)
-    return content | {"shares": dict(zip(balance.parts, band.shares, strict=True))}
 
 
 def _motion(motion: MotionFriction) -> dict[str, Any]:
@@ -281,35 +269,22 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
     """
     if friction is None:
         return None
-    from elastid.nonlinear.result import friction_rows
-
-    entries = []
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
-    for i, row in enumerate(friction_rows(friction)):
-        shapes = zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True)
-        entries.append(
-            {
-                "motor": row.place,
-                "taken_out": row.level is not None,
-                "F_c": row.level,
-                "std": row.std,
-                "interval95": None if row.interval is None else list(row.interval),
-                "unit": row.unit,
-                "coulomb": None if row.level is None else row.level / ratio[row.place],
-                "shapes": [
-                    {"kind": shape.kind, "threshold": shape.threshold, "level": level, "std": std}
-                    for shape, level, std in shapes
-                    if shape.place == row.place and level > 0
-                ],
-                "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
-                "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
-                "kept_share": row.kept_share,
-            }
-        )
-    return entries
-
-
-def _correlations(result: FitResult) -> list[list[Any]]:
-    names, r = result.parameters.free_names, result.correlation
-    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
-    return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]
+    fitted = list(zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True))
+    return [
+        {
+            "motor": row.place,
+            "taken_out": row.level is not None,
+            **section(row, "F_c=level std interval95=interval unit"),
+            "coulomb": None if row.level is None else row.level / ratio[row.place],
+            "shapes": [
+                section(shape, "kind threshold") | {"level": level, "std": std}
+                for shape, level, std in fitted
+                if shape.place == row.place and level > 0
+            ],
+            "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
+            "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
+            "kept_share": row.kept_share,
+        }
+        for i, row in enumerate(friction_rows(friction))
+    ]

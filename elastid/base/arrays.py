@@ -1,18 +1,63 @@
-"""Array types of signatures, arrays that cannot be edited, arrays kept in a file, and an array in a few numbers."""
+"""Array types of signatures, frozen values with labelled fields, arrays kept in a file, an array in a few numbers."""
 
 from __future__ import annotations
 
 import mmap
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import Field, dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.label import labelled
+
+@dataclass(frozen=True)
+class Label:
+    """Meaning of a field and where its numbers stand.
+
+    unit: SI, `{name}` in it being an attribute of the value or of one that contains it; by default that of the ending
+    of the field's name (`_hz`, `_s`).  axes: one name a dimension, of a field or property that holds the values along
+    it, or of an index.  rows: a tuple or mapping of values with arrays is a table, whose columns are stacked.
+    entry: attribute that names each value of a tuple.
+    """
+
+    text: str = ""
+    unit: str = ""
+    axes: tuple[str, ...] = ()
+    rows: bool = False
+    entry: str = ""
+
+
+NO_LABEL = Label()
+_UNIT_OF_ENDING = {"hz": "Hz", "s": "s", "deg": "deg", "degc": "degC", "db": "dB"}
+
+
+def labelled(
+    text: str = "", unit: str = "", axes: str = "", rows: bool = False, entry: str = "", **default: Any
+) -> Any:
+    """A dataclass field with a label: `x: FloatArray = labelled("angle", "rad", "time_s inputs")`.
+
+    axes: names with a space between them.  default: as of `dataclasses.field`.
+    """
+    return field(metadata={"label": Label(text, unit, tuple(axes.split()), rows, entry)}, **default)
+
+
+def label_of(field: Field[Any]) -> Label:
+    """The label of a field, an empty one where it has none."""
+    label: Label = field.metadata.get("label", NO_LABEL)
+    return label
+
+
+def unit_of_name(name: str) -> str:
+    """The unit that the ending of a name states.
+
+    >>> unit_of_name("rate_hz"), unit_of_name("message")
+    ('Hz', '')
+    """
+    return _UNIT_OF_ENDING.get(name.rpartition("_")[2], "") if "_" in name else ""
+
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -57,13 +102,11 @@ def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] |
     """
 
     def decorated(cls: type[T]) -> type[T]:
-        """The class as such a dataclass."""
         names = {name: _DTYPES.get(str(text).removesuffix(" | None")) for name, text in cls.__annotations__.items()}
         arrays = {name: dtype for name, dtype in names.items() if dtype is not None}
         check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
 
         def freeze(self: T) -> None:
-            """Freeze the arrays, then check."""
             for name, dtype in arrays.items():
                 value = getattr(self, name)
                 if value is not None:
@@ -155,7 +198,7 @@ def shown_values(values: NDArray[Any]) -> str:
     if values.dtype.kind not in "fiubc":
         if not any(str(value) for value in values.ravel()):
             return "empty texts"
-        texts = [_shortened(str(value)) for value in values.ravel()[:most]]
+        texts = [f"{text[:100]} ..." if len(text) > 100 else text for text in map(str, values.ravel()[:most])]
         return ", ".join(texts) + (f" and {values.size - most} more" if values.size > most else "")
     if values.size == 1 or (values.ndim < 2 and values.size <= most):
         return ", ".join(str(v) if values.dtype.kind == "b" else f"{v:.6g}" for v in values.ravel())
@@ -168,7 +211,3 @@ def shown_range(ends: ValueRange, is_complex: bool = False) -> str:
         return "no finite number"
     missing = f", {ends.missing} not finite" if ends.missing else ""
     return f"{'magnitude ' if is_complex else ''}{ends.low:.6g} to {ends.high:.6g}{missing}"
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= 100 else f"{text[:100]} ..."

@@ -34,9 +34,7 @@ class Display:
           k_1   20
           d_1   3
         """
-        table = [tuple(map(one_line, row)) for row in (self.headings, *self.rows[:MAX_ROWS])]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)
+        lines = columns([tuple(map(one_line, row)) for row in (self.headings, *self.rows[:MAX_ROWS])])
         return "\n".join([printable(self.title), *(f"  {line}".rstrip() for line in lines if self.rows), *self._rest()])
 
     @property
@@ -55,6 +53,13 @@ class Display:
 
 def _html(text: str) -> str:
     return escape_html(printable(text))
+
+
+def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """The lines of a table in columns of plain text, to the left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 class Displayed(Protocol):

@@ -40,8 +40,7 @@ class UnknownNameError(KeyError):
     """A name that is none of those there are, which the message lists."""
 
     def __str__(self) -> str:
-        """The message, without the quotes that KeyError puts around it."""
-        return str(self.args[0])
+        return str(self.args[0])  # without the quotes that KeyError puts around it
 
 
 class Named(dict[str, T]):
@@ -57,11 +56,9 @@ class Named(dict[str, T]):
         self._noun = noun
 
     def __missing__(self, name: str) -> T:
-        """UnknownNameError."""
         raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self) or 'none'}")
 
     def __reduce__(self) -> tuple[type[Named[T]], tuple[str, dict[str, T]]]:
-        """So that workers get it whole."""
         return type(self), (self._noun, dict(self))
 
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
+from concurrent.futures import CancelledError, as_completed
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -65,24 +64,6 @@ def _is_address(address: str) -> bool:
         return False
 
 
-@contextmanager
-def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Callable[[Item], Future[Value]]]:
-    """The function that submits an item to the workers of a Dask cluster, each of which has `function`.
-
-    CancelledError where a worker dies while it is given the function, ElastidError where there is no worker.
-    """
-    from distributed.comm import CommClosedError
-
-    with _client(address) as client:
-        try:
-            scattered = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
-        except CommClosedError as error:
-            raise CancelledError from error
-        except TimeoutError as error:
-            raise ElastidError(f"the cluster at {address} has no worker; start one") from error
-        yield partial(client.get_executor(pure=False).submit, _applied, scattered)
-
-
 def survived_on_cluster(
     address: str, function: Callable[[Item], Value], items: Sequence[Item]
 ) -> Iterator[tuple[int, Value | None]]:
@@ -102,10 +83,16 @@ def survived_on_cluster(
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError where no scheduler answers, or where one item kills all its workers."""
+    """A Dask cluster; ElastidError without certificates, where no scheduler answers, or one item kills all workers."""
     from distributed import Client, KilledWorker
+    from distributed.security import Security
 
-    _require_certificates(address)
+    # Of an encrypted connection.
+    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
+        raise ElastidError(
+            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
+            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
+        )
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except OSError as error:
@@ -120,17 +107,6 @@ def _client(address: str) -> Iterator[Any]:
         client.close()
 
 
-def _require_certificates(address: str) -> None:
-    """ElastidError where an encrypted connection is asked for and Dask has no certificates for it."""
-    from distributed.security import Security
-
-    if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
-        raise ElastidError(
-            f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
-            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
-        )
-
-
 def _applied(function: Callable[[Item], Value], item: Item) -> Value:
     return function(item)
 
@@ -142,41 +118,23 @@ def silent(done: int, total: int) -> None:
     """Progress that is not shown."""
 
 
-def unordered(
-    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
-) -> Iterator[tuple[int, Value]]:
-    """(index, function(item)) as they finish; in this process for one job or one item.
-
-    function and items must pickle; the function goes to each worker once. The item of a worker that dies is done again.
-    On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
-    Raises ElastidError where workers die again and again.
-    """
-    progress(0, len(items))
-    if min(jobs, len(items)) <= 1 and not SCHEDULER.get():
-        for index, item in enumerate(items):
-            yield index, function(item)
-            progress(index + 1, len(items))
-        return
-    address = SCHEDULER.get()
-    results = _by_cluster(address, function, items) if address else _by_processes(function, items, jobs)
-    for done, result in enumerate(results, start=1):
-        yield result
-        progress(done, len(items))
-
-
 def surviving(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
 ) -> Iterator[tuple[int, Value | None]]:
-    """`unordered`, always in other processes: a worker that dies costs the item that it was at, (index, None).
+    """`Execution.unordered`, always in other processes: a worker that dies costs the item that it was at: None.
 
     For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
     """
-    progress(0, len(items))
     address = SCHEDULER.get()
     results = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
+    return _counted(results, len(items), progress)
+
+
+def _counted(results: Iterable[Value], total: int, progress: Progress) -> Iterator[Value]:
+    progress(0, total)
     for done, result in enumerate(results, start=1):
         yield result
-        progress(done, len(items))
+        progress(done, total)
 
 
 @dataclass(frozen=True)
@@ -198,11 +156,22 @@ class Execution:
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        return ordered(function, items, self.jobs, self.progress)
+        return in_order(self.unordered(function, items))
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-        """(index, function(item)) as they finish."""
-        return unordered(function, items, self.jobs, self.progress)
+        """(index, function(item)) as they finish; in this process for one job or one item.
+
+        function and items must pickle; the function goes to each worker once. The item of a worker that dies is done
+        again. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+        Raises ElastidError where workers die again and again.
+        """
+        if address := SCHEDULER.get():
+            results = _by_cluster(address, function, items)
+        elif min(self.jobs, len(items)) <= 1:
+            results = ((index, function(item)) for index, item in enumerate(items))
+        else:
+            results = _by_processes(function, items, self.jobs)
+        return _counted(results, len(items), self.progress)
 
     def resumed(
         self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
@@ -216,9 +185,22 @@ class Execution:
         def with_known(done: int, total: int) -> None:
             self.progress(done + len(known), total + len(known))
 
-        for place, value in unordered(function, [items[index] for index in todo], self.jobs, with_known):
+        shown = replace(self, progress=with_known)
+        for place, value in shown.unordered(function, [items[index] for index in todo]):
             self.checkpoint[names[todo[place]]] = value
             yield todo[place], value
+
+
+def _scattered(client: Any, address: str, function: Callable[[Item], Value]) -> Any:
+    """The function at each worker; CancelledError where one dies meanwhile, ElastidError where there is none."""
+    from distributed.comm import CommClosedError
+
+    try:
+        return client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
+    except CommClosedError as error:
+        raise CancelledError from error
+    except TimeoutError as error:
+        raise ElastidError(f"the cluster at {address} has no worker; start one") from error
 
 
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
@@ -226,8 +208,10 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
     left, deaths = dict(enumerate(items)), 0
     while left:
         try:
-            with on_cluster(address, function) as submit:
-                futures = {submit(item): index for index, item in left.items()}
+            with _client(address) as client:
+                scattered = _scattered(client, address, function)
+                submit = client.get_executor(pure=False).submit
+                futures = {submit(_applied, scattered, item): index for index, item in left.items()}
                 for future in as_completed(futures):
                     value = future.result()
                     del left[futures[future]]
@@ -292,11 +276,9 @@ def _main_is_unguarded() -> bool:
         return False
 
 
-def ordered(
-    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
-) -> list[Value]:
+def ordered(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> list[Value]:
     """[function(item) for item in items], computed by several processes."""
-    return in_order(unordered(function, items, jobs, progress))
+    return Execution(jobs).ordered(function, items)
 
 
 def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:

@@ -30,13 +30,6 @@ def own_path(run_folder: Path, *names: str) -> Path:
     return path
 
 
-def make_folder(run_folder: Path, *names: str) -> Path:
-    """A folder below a run folder, made where it is missing; ElastidError for a link on the way."""
-    path = own_path(run_folder, *names)
-    path.mkdir(parents=True, exist_ok=True)
-    return path
-
-
 def clear_folder(run_folder: Path, *names: str) -> Path:
     """The path of a folder below a run folder, removed with its files; ElastidError for a link on the way."""
     path = own_path(run_folder, *names)
@@ -57,7 +50,6 @@ def unlinked(path: str, flags: int) -> int:
 
 
 def _is_link(path: Path) -> bool:
-    """True for a symbolic link, and for a junction of Windows."""
     return path.is_symlink() or (hasattr(path, "is_junction") and path.is_junction())
 
 

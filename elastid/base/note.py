@@ -23,7 +23,6 @@ class Note:
     severity: Severity = "warning"
 
     def __str__(self) -> str:
-        """The sentence that a user reads."""
         return f"{self.place}: {self.text}" if self.place else self.text
 
 
@@ -35,7 +34,6 @@ class NoteGroup:
     places: tuple[str, ...]
 
     def __str__(self) -> str:
-        """One line, with a count where there are many places."""
         if len(self.places) == 1:
             return str(self.first)
         if len(self.places) <= 3:

@@ -40,7 +40,6 @@ def section(cls: type[T]) -> type[T]:
     check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
 
     def checked(self: T) -> None:
-        """Check the words, then what the class itself checks."""
         kind: Any = type(self)
         for name, (words, expected) in _plain_fields(kind).items():
             given = getattr(self, name)
@@ -118,5 +117,4 @@ def _plain_fields(cls: Any) -> dict[str, tuple[tuple[Any, ...], str]]:
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:
-    """The members of a union, or the one that is no union."""
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)

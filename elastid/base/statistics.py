@@ -1,4 +1,4 @@
-"""Quantiles and tests that several rooms share: normal, t, chi-square and F; robust scale; false discovery control.
+"""Quantiles and tests that several rooms share: normal, t, chi-square and F; false discovery control.
 
 SciPy is imported where it is used: stages that need the constants alone do not wait for it.
 """
@@ -59,11 +59,6 @@ def f_test(drop: float, added: int, left: float, dof: float) -> float:
     from scipy.special import fdtrc
 
     return float(fdtrc(added, dof, max(drop, 0.0) / added / max(left / dof, 1e-300)))
-
-
-def robust_std(values: FloatArray) -> float:
-    """The standard deviation of normal values (n,) by their median absolute deviation, which outliers do not move."""
-    return STD_OVER_MAD * float(np.median(np.abs(values - np.median(values))))
 
 
 def discoveries(p_values: FloatArray, rate: float) -> BoolArray:

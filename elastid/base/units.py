@@ -9,79 +9,39 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
+# By dimension, named by its SI unit: further units and their factors to SI.
+_FURTHER: dict[str, dict[str, float]] = {
+    "1": {"%": 0.01},
+    "rad": {"mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi},
+    "rad/s": {"deg/s": math.pi / 180, "rpm": 2 * math.pi / 60},
+    "rad/s^2": {"deg/s^2": math.pi / 180},
+    "N": {"kN": 1e3},
+    "N/m": {"kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "MN/m": 1e6},
+    "N*s/m": {"kN*s/m": 1e3},
+    "N*m": {"mN*m": 1e-3, "kN*m": 1e3},
+    "V": {"mV": 1e-3},
+    "A": {"mA": 1e-3},
+    "N*m/rad": {"kN*m/rad": 1e3, "MN*m/rad": 1e6, "N*m/deg": 180 / math.pi},
+    "N*m*s/rad": {"kN*m*s/rad": 1e3},
+    "kg": {"g": 1e-3},
+    "kg*m^2": {"g*m^2": 1e-3, "kg*cm^2": 1e-4},
+    "m": {"mm": 1e-3},
+    "m/s": {"mm/s": 1e-3},
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "Hz": {"kHz": 1e3},
+}
+# Dimensions with an SI unit alone.
+_SI_ALONE = (
+    "1/s", "1/s^2", "N*m/A", "N*m/rad^2", "N*m/rad^3", "N/m^2", "N/m^3", "N*m*s^2/rad^2", "N*s^2/m^2", "N*m/s", "N/s",
+    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^2",
+)  # fmt: skip
 # unit: (dimension, factor to SI). Closed on purpose: any other unit is refused with the list of those that fit.
 TABLE: dict[str, tuple[str, float]] = {
-    "1": ("1", 1.0),
-    "%": ("1", 0.01),
-    "rad": ("rad", 1.0),
-    "mrad": ("rad", 1e-3),
-    "deg": ("rad", math.pi / 180),
-    "rev": ("rad", 2 * math.pi),
-    "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", math.pi / 180),
-    "rpm": ("rad/s", 2 * math.pi / 60),
-    "rad/s^2": ("rad/s^2", 1.0),
-    "deg/s^2": ("rad/s^2", math.pi / 180),
-    "N": ("N", 1.0),
-    "kN": ("N", 1e3),
-    "N/m": ("N/m", 1.0),
-    "kN/m": ("N/m", 1e3),
-    "N/mm": ("N/m", 1e3),
-    "kN/mm": ("N/m", 1e6),
-    "MN/m": ("N/m", 1e6),
-    "N*s/m": ("N*s/m", 1.0),
-    "kN*s/m": ("N*s/m", 1e3),
-    "N*m": ("N*m", 1.0),
-    "mN*m": ("N*m", 1e-3),
-    "kN*m": ("N*m", 1e3),
-    "1/s": ("1/s", 1.0),
-    "1/s^2": ("1/s^2", 1.0),
-    "V": ("V", 1.0),
-    "mV": ("V", 1e-3),
-    "A": ("A", 1.0),
-    "mA": ("A", 1e-3),
-    "N*m/A": ("N*m/A", 1.0),
-    "N*m/rad": ("N*m/rad", 1.0),
-    "kN*m/rad": ("N*m/rad", 1e3),
-    "MN*m/rad": ("N*m/rad", 1e6),
-    "N*m/deg": ("N*m/rad", 180 / math.pi),
-    "N*m/rad^2": ("N*m/rad^2", 1.0),
-    "N*m/rad^3": ("N*m/rad^3", 1.0),
-    "N/m^2": ("N/m^2", 1.0),
-    "N/m^3": ("N/m^3", 1.0),
-    "N*m*s/rad": ("N*m*s/rad", 1.0),
-    "kN*m*s/rad": ("N*m*s/rad", 1e3),
-    "N*m*s^2/rad^2": ("N*m*s^2/rad^2", 1.0),
-    "N*s^2/m^2": ("N*s^2/m^2", 1.0),
-    "N*m/s": ("N*m/s", 1.0),
-    "N/s": ("N/s", 1.0),
-    "N*m/K": ("N*m/K", 1.0),
-    "N/K": ("N/K", 1.0),
-    "rad/(s*K)": ("rad/(s*K)", 1.0),
-    "m/(s*K)": ("m/(s*K)", 1.0),
-    "degC": ("degC", 1.0),
-    "K": ("K", 1.0),
-    "W/K": ("W/K", 1.0),
-    "kg": ("kg", 1.0),
-    "g": ("kg", 1e-3),
-    "kg*m^2": ("kg*m^2", 1.0),
-    "g*m^2": ("kg*m^2", 1e-3),
-    "kg*cm^2": ("kg*m^2", 1e-4),
-    "m": ("m", 1.0),
-    "mm": ("m", 1e-3),
-    "m/s": ("m/s", 1.0),
-    "mm/s": ("m/s", 1e-3),
-    "m/s^2": ("m/s^2", 1.0),
-    "s": ("s", 1.0),
-    "ms": ("s", 1e-3),
-    "us": ("s", 1e-6),
-    "min": ("s", 60.0),
-    "h": ("s", 3600.0),
-    "Hz": ("Hz", 1.0),
-    "kHz": ("Hz", 1e3),
+    unit: (dimension, scale)
+    for dimension in (*_FURTHER, *_SI_ALONE)
+    for unit, scale in ({dimension: 1.0} | _FURTHER.get(dimension, {})).items()
 }
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
@@ -172,24 +132,15 @@ def of_translation(unit: str) -> str:
     return unit.replace("N*m", "N").replace("rad", "m")
 
 
-@dataclass(frozen=True, init=False)
 class InUnit:
     """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it.
 
     others: further dimensions that the field may have instead.
     """
 
-    unit: str
-    others: tuple[str, ...] = ()
-
     def __init__(self, unit: str, *others: str) -> None:
-        object.__setattr__(self, "unit", unit)
-        object.__setattr__(self, "others", others)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """The SI units of all dimensions that the field may have."""
-        return (self.unit, *self.others)
+        self.unit = unit
+        self.units = (unit, *others)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""
@@ -201,7 +152,6 @@ class InUnit:
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """A number in SI, or a text with one of the units that fit."""
         fitting = [name for unit in self.units for name in units_of(unit)]
         names = "|".join(re.escape(name) for name in fitting)
         return {

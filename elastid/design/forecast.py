@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import StudyError
-from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 from elastid.design.expected_response import ExpectedResponse, expected_fit

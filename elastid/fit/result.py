@@ -10,10 +10,9 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
 from elastid.base.errors import Named, UnknownNameError, index_of
-from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.problem.least_squares import LocalOptimum

@@ -21,9 +21,8 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import polynomial
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.errors import check_theta, index_of
-from elastid.base.label import labelled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.robot import Chain, gain_name
 

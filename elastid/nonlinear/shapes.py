@@ -16,8 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
-from elastid.base.label import labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, laplace, whole_samples
 from elastid.record import Record

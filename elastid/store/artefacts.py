@@ -120,7 +120,6 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
-    """DataError of an artefact of another kind or format than this."""
     _require_own_data(path)
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:
@@ -159,22 +158,9 @@ def read_stamp(path: Path | str) -> Stamp | None:
     return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
 
 
-def attributes(group: Any) -> dict[str, Any]:
-    """The attributes of a group as plain numbers and texts."""
-    return {name: plain(value) for name, value in group.attrs.items()}
-
-
 def plain(value: Any) -> Any:
     """A number of NumPy as that of Python."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def put_text(group: Any, name: str, text: str) -> None:
-    """A text as an attribute of a group, a long one as a dataset in it."""
-    if len(text) < 4096:  # an attribute holds 64 KB at most
-        group.attrs[name] = text
-    else:
-        group.create_dataset(name, data=text, dtype=TEXT)
 
 
 def _first_line(error: Exception) -> str:

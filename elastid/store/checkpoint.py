@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections import Counter
 from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from urllib.parse import quote, unquote
 
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.uncertainty.intervals import Profile
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 from elastid.store.kinds import from_json, json_value
 from elastid.validation.comparison import Refit
 
@@ -37,14 +36,13 @@ class Checkpoint(MutableMapping[str, Any]):
     """Finished local optima, profiles and refits by name, each in a file of the folder that is whole or absent.
 
     key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
-    bit. A part of another type is a KeyError.
+    bit. A part that is absent, damaged or of another key or type is a KeyError.
     """
 
     folder: Path
     key: str
 
     def __getitem__(self, name: str) -> Any:
-        """The part of that name; KeyError where it is absent, damaged or of another key."""
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
             if content["key"] == self.key and content["sha256"] == _digest(content["value"]):
@@ -54,25 +52,20 @@ class Checkpoint(MutableMapping[str, Any]):
         raise KeyError(name)
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """Keep a finished part."""
         content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
-        with text_file(self._path(name)) as file:
-            json.dump(content | {"sha256": _digest(content["value"])}, file)
+        write_text(self._path(name), json.dumps(content | {"sha256": _digest(content["value"])}))
 
     def __delitem__(self, name: str) -> None:
-        """Forget it."""
         try:
             self._path(name).unlink()
         except FileNotFoundError:
             raise KeyError(name) from None
 
     def __iter__(self) -> Iterator[str]:
-        """The names of all parts."""
         names = (unquote(path.stem) for path in sorted(self.folder.glob("*.json")))
         return (name for name in names if name in self)
 
     def __len__(self) -> int:
-        """Their number."""
         return sum(1 for _ in self)
 
     @property
@@ -80,10 +73,6 @@ class Checkpoint(MutableMapping[str, Any]):
         """Their number by kind, `12 starts, 1 profile`, or an empty text."""
         counts = Counter(name.partition("-")[0] for name in self)
         return ", ".join(f"{n} {words[n > 1]}" for part, words in _PARTS.items() if (n := counts[part]))
-
-    def clear(self) -> None:
-        """Forget everything, parts of other keys and half-written ones included."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{quote(name, safe=' ')}.json"

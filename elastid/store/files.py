@@ -18,7 +18,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache, wraps
 from pathlib import Path
@@ -41,6 +41,12 @@ def text_file(path: Path | str) -> Iterator[TextIO]:
     """A new text file; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         yield file
+
+
+def write_text(path: Path, text: str) -> None:
+    """A new text file, whole or absent."""
+    with text_file(path) as file:
+        file.write(text)
 
 
 @contextmanager
@@ -82,9 +88,9 @@ def remove_leftovers(folder: Path) -> None:
 
 def write_checksum(path: Path) -> None:
     """Put the checksum of a finished file into its user block."""
-    digest = _digest(path)
+    block = _user_block(path)
     with path.open("r+b") as file:
-        file.write(_user_block(digest))
+        file.write(block)
 
 
 def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
@@ -105,7 +111,7 @@ def is_intact(path: Path) -> bool:
     """True for a file that is as it was written, or has no checksum."""
     with path.open("rb") as file:
         head = file.read(USER_BLOCK)
-    return not head.startswith(_MARK) or head == _user_block(_digest(path))
+    return not head.startswith(_MARK) or head == _user_block(path)
 
 
 def has_checksum(path: Path | str) -> bool:
@@ -114,17 +120,12 @@ def has_checksum(path: Path | str) -> bool:
         return file.read(len(_MARK)) == _MARK
 
 
-def _user_block(digest: bytes) -> bytes:
-    return (_MARK + digest + b"\n").ljust(USER_BLOCK, b"\0")
-
-
-def _digest(path: Path) -> bytes:
-    digest = hashlib.sha256()
+def _user_block(path: Path) -> bytes:
+    """The user block with the checksum of what follows it."""
     with path.open("rb", buffering=0) as file:
         file.seek(USER_BLOCK)
-        while piece := file.read(1 << 22):
-            digest.update(piece)
-    return digest.hexdigest().encode()
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return (_MARK + digest.encode() + b"\n").ljust(USER_BLOCK, b"\0")
 
 
 def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -180,16 +181,15 @@ def content_hash(path: Path) -> str:
 def one_writer(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
-    ElastidError, too, where the file of the lock is a link.
-
-    On a disk whose system knows no locks it is not guarded.
+    ElastidError, too, where the file of the lock is a link. On a disk whose system knows no locks it is not guarded.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
     with _locked(path) as file:
         file.seek(0)
         file.truncate()
-        file.write(json.dumps(_this_program()).encode())
+        since = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"
+        file.write(json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since}).encode())
         file.flush()
         try:
             yield
@@ -197,7 +197,8 @@ def one_writer(folder: Path) -> Iterator[None]:
             if os.name == "posix":  # elsewhere an open file cannot be removed
                 path.unlink(missing_ok=True)
     if os.name != "posix":
-        _remove(path)
+        with suppress(OSError):  # another program has it by now
+            path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -233,10 +234,6 @@ def _lock(file: BinaryIO) -> bool:
     return True
 
 
-def _this_program() -> dict[str, str | int]:
-    return {"process": os.getpid(), "host": socket.gethostname(), "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"}
-
-
 def _refusal(path: Path) -> str:
     try:
         owner = json.loads(path.read_text(encoding="utf-8"))
@@ -244,10 +241,3 @@ def _refusal(path: Path) -> str:
     except (OSError, ValueError, TypeError, KeyError):
         who = "another elastid is writing there"
     return f"{path.parent}: {who}; wait until it has ended, or give another folder with --run"
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return  # another program has it by now

@@ -32,9 +32,9 @@ def read_friction_plan(path: Path | str) -> FrictionPlan:
 def write_friction_records(
     path: Path,
     records: Iterable[FrictionRecord],
+    stamp: Stamp = NO_STAMP,
     warm_ups: Sequence[WarmUpLog] = (),
     notes: Sequence[Note] = (),
-    stamp: Stamp = NO_STAMP,
 ) -> None:
     """records.h5: a group for each record, written one at a time, then the logs of warm-ups."""
     parts = {

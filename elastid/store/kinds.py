@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from elastid.base.label import NO_LABEL, Label, label_of
+from elastid.base.arrays import NO_LABEL, Label, label_of
 
 Form: TypeAlias = Literal["scalar", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
 _SCALARS = (bool, int, float, str)
@@ -53,7 +53,8 @@ def _kind_of_annotation(annotation: Any) -> Kind:
     if origin is Literal:
         return Kind("scalar", type(arguments[0]), choices=arguments)
     if is_array(annotation):
-        return Kind("array", _number_type(arguments[-1]))
+        number = arguments[-1]
+        return Kind("array", get_args(number)[0] if get_origin(number) is np.dtype else number)
     if origin in (Union, UnionType):
         present = tuple(each for each in arguments if each is not NoneType)
         if len(present) < len(arguments):
@@ -101,10 +102,6 @@ def is_array(annotation: Any) -> bool:
     """True for a type of arrays; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
     alias = getattr(get_origin(annotation), "__value__", annotation)
     return get_origin(alias) is np.ndarray
-
-
-def _number_type(argument: Any) -> Any:
-    return get_args(argument)[0] if get_origin(argument) is np.dtype else argument
 
 
 def or_null(number: float) -> float | None:

@@ -1,17 +1,114 @@
-"""records.h5 and frf.h5: the records of a measurement, and the frequency responses estimated from them."""
+"""plan.h5, records.h5 and frf.h5: a plan, also as CSV for a robot controller, and its records and responses."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, check_kind
+from elastid.base.escape import csv_cell
+from elastid.base.units import of_translation
+from elastid.experiment.plan.friction import PassReference
+from elastid.experiment.plan.movement import Reference, Rehearsal
+from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
+from elastid.store.files import text_file
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
 from elastid.store.values import write_artefact
+
+if TYPE_CHECKING:
+    from elastid.design.forecast import Forecast, LimitUse
+
+PLAN = "plan"
+_MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
+
+
+def write_plan(
+    path: Path | str,
+    plan: Plan,
+    stamp: Stamp = NO_STAMP,
+    references: tuple[Reference, ...] = (),
+    peaks: LimitUse | None = None,
+    forecast: Forecast | None = None,
+    nearest: Rehearsal | None = None,
+) -> None:
+    """plan.h5: the plan and further results of its design.
+
+    references: of each configuration.  peaks: of the rehearsal.  nearest: the run that comes closest to a limit.
+    """
+    further = {"peaks": (peaks, None), "forecast": (forecast, None), "rehearsal": (nearest, None)}
+    parts = {"plan": (plan, Plan), "references": (references, tuple[Reference, ...]), **further}
+    write_artefact(path, PLAN, stamp, parts)
+
+
+def read_plan(path: Path | str) -> Plan:
+    """The plan in plan.h5."""
+    return read_part(path, PLAN, "plan", Plan)
+
+
+def read_peaks(path: Path | str) -> LimitUse:
+    """The peaks of the rehearsal in plan.h5."""
+    from elastid.design.forecast import LimitUse  # brings the fit, which a reader of the plan does not need
+
+    return read_part(path, PLAN, "peaks", LimitUse)
+
+
+def read_rehearsal(path: Path | str) -> Rehearsal:
+    """The run in plan.h5 that comes closest to a limit."""
+    return read_part(path, PLAN, "rehearsal", Rehearsal)
+
+
+def read_forecast(path: Path | str) -> Forecast | None:
+    """The forecast in plan.h5; None where there is none."""
+    from elastid.design.forecast import Forecast  # as above
+
+    return read_optional_part(path, PLAN, "forecast", Forecast)
+
+
+def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:
+    """A whole run in one configuration as CSV; the periods begin at time 0, and the scale is that of their torque.
+
+    sliding: inputs that translate.
+    """
+    units = {place: of_translation if place in sliding else str for place in inputs}
+    columns = [
+        f"{quantity} of {place} ({units[place](unit)}, link side)" for quantity, unit in _MOTION for place in inputs
+    ]
+    rows = np.column_stack([reference.scale, *(getattr(reference, quantity) for quantity, _ in _MOTION)])
+    _write_csv(path, ["time_s", "torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
+
+
+def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
+    """One period of the torques to inject as CSV, repeated from time 0 of the movement on, and backwards before it."""
+    columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
+    _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
+
+
+def write_pass_reference(path: Path, reference: PassReference) -> None:
+    """A pass as CSV for a robot controller: time, position, velocity and acceleration of the joint, SI, link side."""
+    rows = np.column_stack([reference.position, reference.velocity, reference.acceleration])
+    _write_csv(path, ["t_s", "position", "velocity", "acceleration"], rows, reference.rate_hz)
+
+
+def write_torque_reference(path: Path, torque: FloatArray, rate_hz: float) -> None:
+    """A torque (n,) to inject as CSV, SI, link side."""
+    _write_csv(path, ["t_s", "torque"], torque[:, None], rate_hz)
+
+
+def _write_csv(path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0) -> None:
+    line = ",".join(["%.9g"] * len(headings)) + "\n"
+    with text_file(path) as file:
+        csv.writer(file, lineterminator="\n").writerow(map(csv_cell, headings))
+        file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))
+
 
 RECORDS, RESPONSES = "records", "frf"
 

@@ -15,10 +15,9 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import mapped, shown_range, shown_values, value_range
+from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
-from elastid.base.label import NO_LABEL, Label
-from elastid.store.artefacts import attributes, kind_of, opened, plain
+from elastid.store.artefacts import kind_of, opened, plain
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
@@ -58,12 +57,6 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
     return kind(**known)
 
 
-def read_entries(group: Any, annotation: Any) -> Iterator[Any]:
-    """The values of a group with an entry for each, one at a time, in the order written."""
-    for name in entry_names(group):
-        yield read_value(group, name, annotation)
-
-
 def entry_names(group: Any) -> tuple[str, ...]:
     """The names of the entries of a group, in the order written, as those of its members."""
     if NAMES in group:
@@ -88,7 +81,7 @@ def _read_array(dataset: Any, *_: Any) -> Any:
 def _read_sequence(item: Any, kind: Kind, label: Label) -> tuple[Any, ...]:
     (annotation,) = kind.parts
     if has_own_groups(annotation, label):
-        return tuple(read_entries(item, annotation))
+        return tuple(read_value(item, name, annotation) for name in entry_names(item))
     return tuple(_read_column(item, annotation, label))
 
 
@@ -216,9 +209,9 @@ def described(path: Path | str) -> str:
 
 def _content_lines(group: Any, depth: int) -> Iterator[str]:
     indent = "  " * depth
-    for name, value in attributes(group).items():
+    for name, value in group.attrs.items():
         if name not in ("elastid", "study"):
-            yield f"{indent}{name} = {value}"
+            yield f"{indent}{name} = {plain(value)}"
     for name, item in group.items():
         if isinstance(item, h5py.Group):
             yield f"{indent}{name}/"

@@ -8,7 +8,7 @@ from pathlib import Path
 from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
@@ -62,9 +62,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
         "models": comparison.rows,
         "search": comparison.trials,
     }
-    with text_file(path) as file:
-        json.dump(json_value(content, or_text), file, indent=1, allow_nan=False)
-        file.write("\n")
+    write_text(path, json.dumps(json_value(content, or_text), indent=1, allow_nan=False) + "\n")
 
 
 def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:

@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import PIECE_VALUES, release
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, release, unit_of_name
 from elastid.base.escape import group_name
-from elastid.base.label import NO_LABEL, Label, unit_of_name
-from elastid.store.artefacts import TEXT, Stamp, created, put_text
+from elastid.store.artefacts import TEXT, Stamp, created
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
@@ -56,26 +55,24 @@ def write_value(
     A tuple of entries with groups of their own may be any iterable, of which each is written before the next is taken.
     Returns the dataset that may be an axis of others, or None.
     """
+    if value is None:
+        return None
     kind = kind_of_annotation(type(value) if annotation is None else annotation)
-    if kind.form == "optional" and value is not None:
+    if kind.form == "optional":
         return write_value(group, name, value, kind.parts[0], label, above)
-    writer = _WRITERS.get(kind.form)
-    return None if writer is None or value is None else writer(group, name, value, kind, label, above)
+    return _WRITERS[kind.form](group, name, value, kind, label, above)
 
 
 def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> None:
-    if kind.type is str:
-        put_text(group, name, value)
+    if kind.type is str and len(value) >= 4096:  # an attribute holds 64 KB at most
+        group.create_dataset(name, data=value, dtype=TEXT)
     else:
         group.attrs[name] = kind.type(value)
 
 
 def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
-    write_fields(group.create_group(name), value, above)
-
-
-def write_fields(group: Any, value: Any, above: tuple[_Scope, ...] = ()) -> None:
     """The fields of a dataclass in a group; those that are dataclasses last, since their axes may be in this one."""
+    group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
     inner, labelled = [], []
     for each in fields_of(type(value)):
@@ -97,7 +94,7 @@ def write_fields(group: Any, value: Any, above: tuple[_Scope, ...] = ()) -> None
 
 
 def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
-    write_fields(group.create_group(name), value, above)
+    _write_fields(group, name, value, kind, label, above)
     group[name].attrs["type"] = type(value).__name__
 
 
@@ -205,7 +202,6 @@ def _are_numbers(parts: Sequence[Any]) -> bool:
 
 
 def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]) -> Any:
-    """The dataset with its meaning and unit as attributes."""
     if label.text:
         dataset.attrs["long_name"] = label.text
     if unit := _unit(label.unit or unit_of_name(name), scopes):
@@ -216,11 +212,12 @@ def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]
 def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
     if unit in _UNIT_OF_SAMPLES and not _attribute(scopes, "rate_is_known", True):
         return _UNIT_OF_SAMPLES[unit]
-    return re.sub(r"\{(\w+)\}", lambda match: _words(_attribute(scopes, match[1], "")), unit) if "{" in unit else unit
 
+    def words(match: re.Match[str]) -> str:
+        units = _attribute(scopes, match[1], "")
+        return units if isinstance(units, str) else ", ".join(dict.fromkeys(units))
 
-def _words(units: Any) -> str:
-    return units if isinstance(units, str) else ", ".join(dict.fromkeys(units))
+    return re.sub(r"\{(\w+)\}", words, unit)
 
 
 def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:

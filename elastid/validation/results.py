@@ -15,9 +15,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.label import labelled
 from elastid.record import Motion
 from elastid.validation.residual_tests import FALSE_ALARM, NORMALITY_95, exceeds_by_chance, together
 

@@ -18,8 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
-from elastid.base.label import labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"

@@ -19,8 +19,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.label import labelled
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.experiment.simulated.plant import Plant, exact_plant
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.formulation import EXACT

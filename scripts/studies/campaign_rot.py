@@ -32,7 +32,7 @@ from campaign_kills import FEW_PASSES, ROBOT, STUDY
 
 from elastid.app import scaffold
 from elastid.app.cli import run_command
-from elastid.app.stage_table import FRICTION, SIMULATED, module_of, stages_of
+from elastid.app.stage_table import FRICTION, SIMULATED, stages_of
 from elastid.store.files import CHECKSUMS, USER_BLOCK
 
 NOTICED, NO_CONTENT, UNNOTICED = "noticed", "of no content", "UNNOTICED"
@@ -68,7 +68,7 @@ class Said:
 def finished(folder: Path) -> dict[str, Finished]:
     """Both kinds of study, each run once with its figures."""
     for stage in (*stages_of(SIMULATED).values(), *stages_of(FRICTION).values()):
-        import_module(module_of(stage.function))  # once, for all processes that are copies of this one
+        import_module(stage.module)  # once, for all processes that are copies of this one
     joint, axis = folder / "joint", folder / "axis"
     joint.mkdir()
     (joint / "robot.yml").write_text(ROBOT, encoding="utf-8")

@@ -2,11 +2,13 @@
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 from unittest.mock import create_autospec
@@ -16,10 +18,37 @@ import pytest
 
 from elastid.app import cli, scaffold
 from elastid.app import run as running
-from elastid.app.process import insisting
+from elastid.app.cli import insisting, run_command
 from elastid.app.run import Run
 from elastid.app.stage_table import SIMULATED, stages_of
+from elastid.base.execution import ordered
 from elastid.store.results import read_fit
+
+
+def chatter(item: object) -> str:
+    """A library that warns in both of Python's ways."""
+    warnings.warn("overflow encountered in exp", RuntimeWarning, stacklevel=1)
+    logging.getLogger("library").warning("findfont: no such font")
+    return str(item)
+
+
+def test_a_library_does_not_write_on_the_terminal_of_a_command(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Of a command that keeps no log; afterwards Python is as it was."""
+    monkeypatch.setattr("elastid.app.inspection.described", chatter)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        before = warnings.showwarning, list(logging.getLogger().handlers)
+        assert run_command(["inspect", "log.csv"]) == 0
+        assert (warnings.showwarning, list(logging.getLogger().handlers)) == before
+    assert capfd.readouterr() == ("log.csv\n", "")
+
+
+def test_nor_on_that_of_its_workers(capfd: pytest.CaptureFixture[str]) -> None:
+    assert ordered(chatter, [1, 2, 3], 2) == ["1", "2", "3"]
+    assert capfd.readouterr() == ("", "")
+
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
 
@@ -355,11 +384,11 @@ def stop(*_, **__):
 stage = sys.argv[1]
 module = None if stage == "none" else import_module(f"elastid.app.stages.{stage}")
 if stage == "measure":
-    inner = module._measure_one
-    def measure_one(rig, folder, stamp, experiment):
-        inner(rig, folder, stamp, experiment)
+    inner = module._measure_part
+    def measure_part(*arguments):
+        inner(*arguments)
         stop()
-    module._measure_one = measure_one
+    module._measure_part = measure_part
 elif stage == "report":
     import elastid.report.page.page as page
     page.html = stop
@@ -403,7 +432,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["elastid.app.cli", "elastid.app.process", "click"])
+@pytest.mark.parametrize("module", ["elastid.app.cli", "click"])
 def test_a_signal_before_anything_is_loaded_has_no_traceback(module: str, number: signal.Signals) -> None:
     """As long as the command line itself is being imported, even where an import makes another error of Ctrl-C."""
     code = f"""

@@ -14,7 +14,7 @@ from plants.friction_records import TEMPLATE
 from elastid.app.compare import compare
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
-from elastid.app.stage_table import STAGES, module_of
+from elastid.app.stage_table import STAGES
 from elastid.base import execution, workers
 from elastid.base.execution import on_dask
 from elastid.base.workers import load_for_workers
@@ -88,7 +88,7 @@ def works(run: Run) -> tuple[str, ...]:
 
 def worked(run: Run, names: Sequence[str]) -> Iterator[str]:
     """The name of each stage, after it was carried out."""
-    load_for_workers(sorted({module_of(stage.function) for stage in STAGES}))
+    load_for_workers(sorted({stage.module for stage in STAGES}))
     for name in names:
         compare(run) if name == "compare" else run_stage(run, name)
         yield name

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,12 +17,12 @@ import click
 import numpy as np
 import pytest
 
-from elastid.app import cli, provenance
+from elastid.app import cli, work
 from elastid.app import run as running
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, function_of, stages_of, values
+from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, stages_of, values
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
 from elastid.app.work import Artefacts, Work
@@ -32,8 +33,7 @@ from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.design import read_plan
-from elastid.store.measured import read_records, read_responses
+from elastid.store.measured import read_plan, read_records, read_responses
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
@@ -71,9 +71,9 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             done.append(names[text])
             return Artefacts({})
 
-        return stage if text in names else function_of(text)
+        return stage if text in names else resolve_name(text)
 
-    monkeypatch.setattr(running, "function_of", written_down)
+    monkeypatch.setattr(running, "resolve_name", written_down)
     return done
 
 
@@ -216,7 +216,7 @@ def test_a_change_of_the_code_does_everything_again(
     copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Results of another version are not passed off as this one's."""
-    monkeypatch.setattr(provenance, "code_hash", lambda: 64 * "0")
+    monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
     run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
 
@@ -273,9 +273,9 @@ def test_every_result_says_where_it_came_from(finished: Path) -> None:
 
 def test_results_are_out_of_date_once_a_library_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hash of the code holds the versions of what it computes with."""
-    before = provenance.code_hash()
-    monkeypatch.setattr(provenance, "version", lambda name: "99" if name == "casadi" else "1")
-    assert provenance.code_hash() != before
+    before = work.code_hash()
+    monkeypatch.setattr(work, "version", lambda name: "99" if name == "casadi" else "1")
+    assert work.code_hash() != before
 
 
 def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
 """Every row of the table names a function whose arguments are the values that it declares."""
 
 import inspect
+from pkgutil import resolve_name
 
 import pytest
 
-from elastid.app.stage_table import STAGES, Stage, all_names, function_of
+from elastid.app.stage_table import STAGES, Stage, helps
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} of {stage.kinds[0]}")
@@ -12,7 +13,7 @@ def test_a_stage_takes_what_its_row_declares(stage: Stage) -> None:
     """No value more, and none less: one that is not declared would not be in the stamp."""
     declared = {value.argument for value in stage.values} | {source.argument for source in stage.sources}
     declared |= {name.partition(".")[0] for name in stage.extras} | ({"files"} if stage.files is not None else set())
-    assert set(inspect.signature(function_of(stage.function)).parameters) == declared | {"work"}
+    assert set(inspect.signature(resolve_name(stage.function)).parameters) == declared | {"work"}
 
 
 def test_no_kind_of_study_has_two_stages_of_a_name() -> None:
@@ -24,4 +25,4 @@ def test_no_kind_of_study_has_two_stages_of_a_name() -> None:
             if kind in stage.kinds:
                 earlier = [source.stage for source in stage.sources if source.stage in names]
                 assert all(names.index(name) < names.index(stage.name) for name in earlier)
-    assert all_names()[:3] == ("design", "measure", "estimate")
+    assert tuple(helps())[:3] == ("design", "measure", "estimate")

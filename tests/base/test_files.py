@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import clear_folder, make_folder, own_path, unlinked
+from elastid.base.files import clear_folder, own_path, unlinked
 
 
 @pytest.fixture
@@ -21,12 +21,12 @@ def elsewhere(tmp_path: Path) -> Path:
 
 def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path: Path, elsewhere: Path) -> None:
     run = tmp_path / "run"
-    make_folder(run, "export", "c")
+    own_path(run, "export", "c").mkdir(parents=True)
     (run / "export" / "robot").symlink_to(elsewhere, target_is_directory=True)
     (run / "figures").symlink_to(elsewhere, target_is_directory=True)
     (run / "later").symlink_to(tmp_path / "not there yet")
     for names in (("figures",), ("figures", "deeper"), ("export", "robot"), ("later",)):
-        for work in (own_path, make_folder, clear_folder):
+        for work in (own_path, clear_folder):
             with pytest.raises(ElastidError, match=r"is a link, and nothing is written through links .*; remove it"):
                 work(run, *names)
     assert [path.name for path in elsewhere.iterdir()] == ["victim"]
@@ -37,7 +37,7 @@ def test_the_run_folder_itself_may_be_a_link(tmp_path: Path, elsewhere: Path) ->
     """Its user has named it."""
     run = tmp_path / "run"
     run.symlink_to(elsewhere, target_is_directory=True)
-    assert make_folder(run, "figures").is_dir()
+    assert own_path(run, "figures") == run / "figures"
     clear_folder(run, "figures")
     assert not (elsewhere / "figures").exists()
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plants.three_mass import circular
 
-from elastid.app.provenance import software
+from elastid.app.work import software
 from elastid.base import kernels
 from elastid.frf import matrices
 from elastid.linear.response.ldl import Elimination, Leaves

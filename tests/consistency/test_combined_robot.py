@@ -26,7 +26,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
 from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.store.design import read_forecast
+from elastid.store.measured import read_forecast
 from elastid.study import load
 
 # A lift on an elastic foot; its arm turns and reaches, the wrist's motor is turned along by the elbow.

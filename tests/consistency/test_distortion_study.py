@@ -11,8 +11,7 @@ from elastid.app.run import Run, run_stage
 from elastid.base.errors import MisfitError
 from elastid.report.figures.response_quality import levels
 from elastid.response import FrequencyResponse, Levels
-from elastid.store.design import read_plan
-from elastid.store.measured import read_responses
+from elastid.store.measured import read_plan, read_responses
 from elastid.study import load
 
 PERIOD = 2  # s

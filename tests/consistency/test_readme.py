@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from elastid.app import scaffold
-from elastid.store.design import read_plan
+from elastid.store.measured import read_plan
 from elastid.study import load
 
 ROOT = Path(__file__).parents[2]

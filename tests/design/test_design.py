@@ -32,7 +32,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.store.design import read_forecast, read_plan, write_plan
+from elastid.store.measured import read_forecast, read_plan, write_plan
 from elastid.study import load
 
 LIMITS = Limits((-2.0, 2.0))

@@ -39,7 +39,7 @@ from elastid.model.formulation import serial
 from elastid.report.figures.design import limit_use as limit_use_figure
 from elastid.report.figures.design import nearest_run_signals
 from elastid.robot import Limits, Robot
-from elastid.store.design import read_peaks, read_plan, read_rehearsal, write_plan
+from elastid.store.measured import read_peaks, read_plan, read_rehearsal, write_plan
 
 
 def within(

@@ -11,8 +11,7 @@ from elastid.app.overview import overview
 from elastid.app.run import Run, run_all, run_stage
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import make_plan
-from elastid.store.design import read_forecast, read_plan
-from elastid.store.measured import read_responses
+from elastid.store.measured import read_forecast, read_plan, read_responses
 from elastid.store.results import read_fit
 from elastid.study import load
 

@@ -34,7 +34,7 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
                          there=(10, 40), back=(50, 90), speed=0.1, notes=(Note("code", "text", "place"),))  # fmt: skip
     slide = FrictionRecord("s", "2", "motion", 50.0, t, t, velocity=np.ones(100), slides=True)
     log = WarmUpLog("1", np.arange(4.0), np.ones(3), np.full(4, np.nan), 0.5, 20.0, 21.0)
-    write_friction_records(tmp_path / "records.h5", [one, slide], [log], [Note("a", "b")])
+    write_friction_records(tmp_path / "records.h5", [one, slide], warm_ups=[log], notes=[Note("a", "b")])
     found = read_friction_records(tmp_path / "records.h5")
     assert repr(found.records) == repr((one, slide))
     assert repr(found.warm_ups) == repr((log,))
@@ -55,7 +55,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
     from elastid.experiment.plan.friction import PassReference
-    from elastid.store.design import write_pass_reference
+    from elastid.store.measured import write_pass_reference
 
     ramp = np.arange(4.0)
     write_pass_reference(tmp_path / "pass.csv", PassReference(10.0, ramp, ramp, ramp, (0, 1), (2, 3)))

@@ -17,9 +17,8 @@ from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 from plants.artefacts import NAME, QUICK, STAMP, TEXT, same
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import DataError
-from elastid.base.label import labelled
 from elastid.store.files import write_checksum
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part

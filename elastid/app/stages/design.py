@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 from elastid.app.console import Console, forecast_table
 from elastid.app.work import Artefacts, Work
@@ -27,8 +27,7 @@ from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.design import write_movement, write_plan, write_torque
-from elastid.store.measured import read_responses
+from elastid.store.measured import read_responses, write_movement, write_plan, write_torque
 from elastid.store.results import read_fit
 from elastid.study.checks.experiment import responses_file
 
@@ -55,7 +54,7 @@ def design(
     """
     if excitation is None:
         raise StudyError("excitation: this section is needed to design an experiment")
-    earlier = earlier_measurements(design, files)
+    measured, fitted_values, like = _earlier_measurements(design, files)
     problem = DesignProblem(
         robot=robot,
         excitation=excitation,
@@ -65,9 +64,9 @@ def design(
         seed=seed,
         design=design,
         left_out=left_out,
-        measured=earlier.responses,
-        fitted_values=earlier.values,
-        like=earlier.noise,
+        measured=measured,
+        fitted_values=fitted_values,
+        like=like,
         model=model,
         friction=friction,
     )
@@ -91,15 +90,10 @@ def design(
         console.table(forecast_table(forecast))
         console.notes(forecast.notes)
 
-    return Artefacts(
-        {
-            "references": partial(_write_references, plan, movements, work),
-            "plan.h5": lambda path, stamp: write_plan(
-                path, plan, stamp, movements, limit_use, forecast, designed.nearest
-            ),
-        },
-        report,
-    )
+    def write(path: Path, stamp: Stamp) -> None:
+        write_plan(path, plan, stamp, movements, limit_use, forecast, designed.nearest)
+
+    return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
 
 
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
@@ -107,23 +101,15 @@ def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configurat
     return reference(plan, carrier, feed_forward_of(model_of(robot)), configuration)
 
 
-@dataclass(frozen=True)
-class EarlierMeasurements:
-    """Measurements that a design adds to.
-
-    responses: their responses.  values: estimates of their fits by name, of several the last.  noise: responses whose
-    variance is expected again.
-    """
-
-    responses: tuple[FrequencyResponse, ...] = ()
-    values: tuple[tuple[str, float], ...] = ()
-    noise: tuple[FrequencyResponse, ...] = ()
+_Responses: TypeAlias = tuple[FrequencyResponse, ...]
 
 
-def earlier_measurements(design: DesignSpec | None, files: Path) -> EarlierMeasurements:
-    """The responses and estimates of the earlier measurements that a design names; DataError for a damaged file."""
+def _earlier_measurements(
+    design: DesignSpec | None, files: Path
+) -> tuple[_Responses, tuple[tuple[str, float], ...], _Responses]:
+    """Responses that a design adds to, estimates of their fits by name (the last counts), responses for the noise."""
     if design is None:
-        return EarlierMeasurements()
+        return (), (), ()
     responses: list[FrequencyResponse] = []
     values: dict[str, float] = {}
     for name in design.measured:
@@ -133,11 +119,10 @@ def earlier_measurements(design: DesignSpec | None, files: Path) -> EarlierMeasu
             result = read_fit(file.with_name("fit.h5"))
             values |= {name: result.values[name] for name in result.parameters.free_names}
     noise = read_responses(responses_file(files, design.noise.frf)) if design.noise.frf else ()
-    return EarlierMeasurements(tuple(responses), tuple(values.items()), tuple(noise))
+    return tuple(responses), tuple(values.items()), noise
 
 
 def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp) -> None:
-    """The files of all configurations, each written by a process."""
     shutil.rmtree(folder, ignore_errors=True)
     pairs = list(zip(plan.configurations, movements, strict=True))
     with work.execution() as execution:
@@ -145,7 +130,6 @@ def _write_references(plan: Plan, movements: Sequence[Reference], work: Work, fo
 
 
 def _write_configuration(folder: Path, plan: Plan, pair: tuple[Configuration, Reference]) -> None:
-    """The files of one configuration and the movement in it."""
     configuration, movement = pair
     write_movement(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:

@@ -25,7 +25,7 @@ from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts, shaft_couplings
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
@@ -33,8 +33,7 @@ from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import kind_of
-from elastid.store.design import read_plan
-from elastid.store.measured import read_configurations, read_records, read_responses, write_responses
+from elastid.store.measured import read_configurations, read_plan, read_records, read_responses, write_responses
 
 
 def estimate(
@@ -65,7 +64,7 @@ def import_responses(
     work: Work,
 ) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
-    responses = list(imported_responses(robot, places, experiment, estimator, files))
+    responses = list(_imported_responses(robot, places, experiment, estimator, files))
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
@@ -130,16 +129,14 @@ def _artefacts(
 
 def friction_line(friction: FrictionTakenOut) -> str:
     """One line for the terminal: the levels that were taken out; empty where none was."""
-    from elastid.nonlinear.result import friction_rows
-
     rows = [row for row in friction_rows(friction) if row.level is not None]
-    parts = [
+    if not rows:
+        return ""
+    parts = (
         f"{row.place} {number(row.level, digits(row.level, row.std))} ± {row.std:.2g} {row.unit}"
         for row in rows
         if row.level is not None and row.std is not None
-    ]
-    if not parts:
-        return ""
+    )
     left = max(row.kept_share for row in rows)
     return (
         f"friction taken out of the torque: {', '.join(parts)}; of the power of distortion and noise at most "
@@ -147,7 +144,7 @@ def friction_line(friction: FrictionTakenOut) -> str:
     )
 
 
-def imported_responses(
+def _imported_responses(
     robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
 ) -> Iterator[FrequencyResponse]:
     """One response for each file of the experiment, in their order, in the estimator's quantity and band.

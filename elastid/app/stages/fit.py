@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from elastid.app.console import Console, parameter_table
 from elastid.app.identified_robot import contents, robot_of_fit, truth
 from elastid.app.run import Run
-from elastid.app.summaries import failure, interrupted, modes_of, summary, write_summary
+from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -52,11 +51,11 @@ def fit(
         with work.execution(unfinished) as execution:
             result = identify(fitted, robot, seeded_fit, model=model, execution=execution)
     except FitError as error:
-        return Artefacts({"summary.json": _json(failure(name, seeded_fit.starts, str(error)))}, error=error)
+        return Artefacts({"summary.json": as_json(failure(name, seeded_fit.starts, str(error)))}, error=error)
     except Interrupted as stop:
         words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
         content = interrupted(name, seeded_fit, robot, tuple(experiment.configurations), stop.ends)
-        return Artefacts({"summary.json": _json(content)}, lambda c: c.say(words), stop)
+        return Artefacts({"summary.json": as_json(content)}, lambda c: c.say(words), stop)
     model_of_all = FittedRobot.of(result, robot, responses, model)
     agreements = [
         agreement(m, G, m.configuration.name in left_out)
@@ -73,7 +72,7 @@ def fit(
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in _robot_files(name, robot, result, friction, names)}
     result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
-    return Artefacts({"summary.json": _json(content), **robots, **result_file}, report)
+    return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 
 def _parameter_rows(
@@ -102,7 +101,7 @@ def conclude(run: Run) -> None:
             run.console.say(str(path))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
-        raise MisfitError(f"done, but a misfit: {meaning}. {_sentence(result.message)}")
+        raise MisfitError(f"done, but a misfit: {meaning}. {result.message[:1].upper()}{result.message[1:]}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
     run.console.say(f"{status}: {meaning}")
@@ -118,11 +117,3 @@ def _robot_files(
     for label, (fitted, members) in robots_by_group(result, robot, configurations).items():
         file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
         yield file, robot_of_fit(name, fitted, friction, lines_of(result, members[0]))
-
-
-def _json(content: Mapping[str, Any]) -> Write:
-    return lambda path, stamp: write_summary(path, content)
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -1,38 +1,48 @@
-"""The stages of a friction study, from its plan to its page; `follow` has a file of its own."""
+"""The stages of a friction study, from its plan to its page; `follow` follows friction by a Kalman filter."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from elastid.app.console import Console, friction_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
-from elastid.app.stages.measure import gather_records, measure_parts, report_count
+from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
-from elastid.app.summaries import failed_friction, friction_study_summary, write_summary
-from elastid.app.work import Artefacts, Work, text
-from elastid.base.errors import FitError
+from elastid.app.summaries import as_json, failed_friction, friction_study_summary
+from elastid.app.work import Artefacts, Work, Write, text
+from elastid.base.arrays import FloatArray
+from elastid.base.display import number
+from elastid.base.errors import FitError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.friction import design_friction
-from elastid.experiment.plan.friction import FrictionPlan, FrictionRig, PlannedMotion, pass_reference
+from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.friction.robot_friction import PlacedLaw, frictions
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
+from elastid.friction_study.follow import FollowedFriction, Motion, follow
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
-from elastid.friction_study.result import JointLevels
-from elastid.friction_study.spec import FrictionSpec, LoadSpec
+from elastid.friction_study.result import JointFriction, JointLevels
+from elastid.friction_study.spec import FilterSpec, FrictionSpec, LoadSpec
+from elastid.record import FrictionRecord, FrictionRecords
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
+from elastid.robot.friction_numbers import with_laws
+from elastid.simulation.elastic_joint import held_joint
 from elastid.store.artefacts import Stamp
-from elastid.store.design import write_pass_reference, write_torque_reference
 from elastid.store.friction_study import (
     FRICTION,
     read_filter,
@@ -40,11 +50,13 @@ from elastid.store.friction_study import (
     read_friction_records,
     read_friction_result,
     read_levels,
+    write_filter,
     write_friction_plan,
     write_friction_records,
     write_friction_result,
     write_levels,
 )
+from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
 from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance
@@ -72,17 +84,14 @@ def design_motions(
         for sentence in (*plan.known, *plan.unknown):
             console.say(f"design: {sentence}")
 
-    return Artefacts(
-        {
-            "references": partial(_write_motions, plan),
-            "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
-        },
-        report,
-    )
+    files: dict[str, Write] = {
+        "references": partial(_write_motions, plan),
+        "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
+    }
+    return Artefacts(files, report)
 
 
 def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
-    """A file for each motion."""
     shutil.rmtree(folder, ignore_errors=True)
     limits = {each.joint: each.limits for each in plan.designs}
     for motion in plan.motions:
@@ -98,14 +107,11 @@ def simulate_motions(
 ) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
     rig = SimulatedFrictionRig(robot, experiment, read_friction_plan(design_file), seed)
-    measure_parts(work, rig.motions, partial(_measure_motion, rig), "motions")
-    notes: list[Note] = []
-
-    def write(path: Path, stamp: Stamp) -> None:
-        records = gather_records(work.parts, rig.motions, lambda part: read_friction_records(part).records, notes)
-        write_friction_records(path, records, rig.warm_ups(), stamp=stamp)
-
-    return Artefacts({"records.h5": write}, partial(report_count, notes, len(rig.motions)))
+    records, report = measure_parts(
+        work, rig.motions, rig.measure, lambda p: read_friction_records(p).records, write_friction_records, "motions"
+    )
+    files = {"records.h5": lambda path, stamp: write_friction_records(path, records, stamp, rig.warm_ups())}
+    return Artefacts(files, report)
 
 
 def import_motions(
@@ -121,18 +127,10 @@ def import_motions(
     joints, payloads = [joint.name for joint in friction_joints], {load.name: load.payload for load in loads}
     logs = read_friction_logs(robot, experiment, files, joints, payloads)
     notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
-    return Artefacts(
-        {
-            "records.h5": lambda path, stamp: write_friction_records(
-                path, logs.records, logs.warm_ups, logs.notes, stamp
-            )
-        },
-        partial(report_count, notes, len(logs.records)),
-    )
-
-
-def _measure_motion(rig: FrictionRig, path: Path, stamp: Stamp, motion: PlannedMotion) -> None:
-    write_friction_records(path, [rig.measure(motion)], stamp=stamp)
+    parts: dict[str, Write] = {
+        "records.h5": lambda path, stamp: write_friction_records(path, logs.records, stamp, logs.warm_ups, logs.notes)
+    }
+    return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
 def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
@@ -166,13 +164,11 @@ def friction(
     try:
         result = identify_friction(robot, joint_levels, measured, friction, truth)
     except FitError as error:
-        failed = failed_friction(name, str(error))
-        return Artefacts({"summary.json": lambda path, stamp: write_summary(path, failed)}, error=error)
+        return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
     twin = TwinFindings(friction_balances(result.joints, measured), runs)
-    content = friction_study_summary(name, result, twin)
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
@@ -185,7 +181,7 @@ def friction(
 
     return Artefacts(
         {
-            "summary.json": lambda path, stamp: write_summary(path, content),
+            "summary.json": as_json(friction_study_summary(name, result, twin)),
             "identified_robot.yml": text(robot_of_friction(name, robot, result)),
             "friction.h5": lambda path, stamp: write_friction_result(path, result, stamp, twin),
         },
@@ -222,7 +218,8 @@ def conclude(run: Run) -> None:
     run.console.table(friction_table(result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
-            run.console.say(f"{_joints(refusal.joints)}: no {refusal.part}: {refusal.reason}")
+            joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
+            run.console.say(f"{joints}: no {refusal.part}: {refusal.reason}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     for path in (run.folder / name for name in leaves):
         if path.exists():
@@ -232,10 +229,6 @@ def conclude(run: Run) -> None:
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")
     meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
-
-
-def _joints(names: tuple[str, ...]) -> str:
-    return f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
 def _level_words(joint: JointLevels) -> str:
@@ -248,3 +241,147 @@ def _level_words(joint: JointLevels) -> str:
         error = joint.motion.chosen.relative_error
         parts.append(f"a motion, {error:.1%} of whose torque inertia, gravity and friction leave")
     return ", ".join(parts)
+
+
+_PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}
+
+
+def follow_friction(
+    *, robot: Robot, filter: FilterSpec, measure_file: Path, friction_file: Path, work: Work
+) -> Artefacts:
+    """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
+    measured, result = read_friction_records(measure_file), read_friction_result(friction_file)
+    followed, notes = [], []
+    for joint in result.joints:
+        try:
+            followed.append(_followed(robot, joint, _records_of(measured, joint.joint), filter))
+        except StudyError as error:
+            notes.append(Note("not-followed", str(error)))
+    if not followed:
+        raise StudyError("; ".join(note.text for note in notes))
+
+    def report(console: Console) -> None:
+        console.notes([*notes, *(note for each in followed for note in each.notes)])
+        for each in followed:
+            console.say(f"follow: joint {each.joint}: {_words(each)}")
+
+    return Artefacts({"filter.h5": lambda path, stamp: write_filter(path, tuple(followed), stamp)}, report)
+
+
+def _records_of(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
+    """The motions of a joint that moved alone, in the order of time."""
+    together = [record.name for record in measured.records]
+    own = [record for record in measured.records if record.joint == joint and together.count(record.name) == 1]
+    chosen = [record for record in own if record.purpose in ("passes", "motion")]
+    return tuple(sorted(chosen, key=lambda record: record.start_s))
+
+
+def _followed(
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
+) -> FollowedFriction:
+    """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
+    name = identified.joint
+    if not records:
+        raise StudyError(
+            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one"
+        )
+    if identified.friction is None or identified.viscous is None:
+        raise StudyError(f"joint {name}: no friction was identified from which a filter could start")
+    laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
+    law = next(each for each in laws if each.place == f"motor {name}")
+    joint = _joint(robot, identified, records, spec, law, identified.viscous)
+    motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
+    angle = max(_count(record) for record in records) / np.sqrt(12)
+    drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
+    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
+    noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
+    return follow(
+        name, identified.slides, joint, motions, records[0].rate_hz, noise, spec.settle,
+        find_noise=spec.torque_std is None,
+    )  # fmt: skip
+
+
+def _words(followed: FollowedFriction) -> str:
+    """The followed numbers at the end, and the NIS."""
+    ends = [
+        f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
+        for i, name in enumerate(followed.names)
+    ]
+    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}"
+
+
+def _joint(
+    robot: Robot,
+    identified: JointFriction,
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    law: PlacedLaw,
+    viscous: float,
+) -> FollowedJoint:
+    """Elastic where the robot's file has a spring, else with the inertia that was identified."""
+    F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
+    bristle_stiffness, bristle_damping = law.at_rest()
+    if law.law.n_states == 0:  # no presliding was identified
+        bristle_stiffness, bristle_damping = F_c / _slip_deflection(records), 0.0
+    known = {
+        "coulomb": F_c,
+        "viscous": max(viscous, 1e-6 * F_c),
+        "stiction_ratio": F_s / F_c,
+        "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0,
+        "bristle_stiffness": bristle_stiffness,
+        "bristle_damping": bristle_damping,
+        "correlation_s": spec.correlation_time,
+    }
+    posture = records[0].configuration
+    angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
+    elastic = held_joint(robot, identified.joint, angles)
+    if elastic is None:
+        return FollowedJoint(_inertia(identified), followed=spec.states, **known)
+    return FollowedJoint(
+        elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness, damping=elastic.damping,
+        followed=spec.states, **known,
+    )  # fmt: skip
+
+
+def _count(record: FrictionRecord) -> float:
+    """The step of the position, or the smallest difference of two of its values; below 1e-7 of the path is rounding."""
+    if record.resolution > 0:
+        return record.resolution
+    gaps = np.diff(np.unique(record.position))
+    min_gap = 1e-7 * float(np.ptp(record.position))
+    larger = gaps[gaps > min_gap]
+    return float(np.min(larger)) if larger.size else min_gap
+
+
+def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
+    """Deflection at which bristles slip where no loop has identified it: 1e-4 of the path, or 20 encoder counts."""
+    path = max(float(np.ptp(record.position)) for record in records)
+    return max([1e-4 * path, *(20 * record.resolution for record in records)])
+
+
+def _inertia(identified: JointFriction) -> float:
+    if identified.motion is not None:
+        return identified.motion.chosen["inertia"]
+    if identified.levels is not None and "inertia" in identified.levels.shared:
+        return identified.levels.shared["inertia"][0]
+    raise StudyError(
+        f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is known: a "
+        "filter needs the inertia; record a motion that accelerates, or give the joint's spring"
+    )
+
+
+def _gravity(identified: JointFriction) -> Mapping[str, float]:
+    """cos, sin and constant part of the torque that gravity and offsets take, as the study has identified them."""
+    if identified.motion is not None:
+        chosen = identified.motion.chosen
+        numbers = dict(zip(chosen.names, chosen.values.tolist(), strict=True))
+    else:
+        numbers = {name: value for name, (value, _) in (identified.levels.shared if identified.levels else {}).items()}
+    return {part: numbers.get(name, 0.0) for part, name in _PARTS.items()}
+
+
+def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> Motion:
+    """A record as a filter reads it: torque held from one sample to the next, at whose end the angle is."""
+    q: FloatArray = record.position
+    load = gravity["cos"] * np.cos(q) + gravity["sin"] * np.sin(q) + gravity["constant"]
+    return Motion(JointSamples(record.torque[:-1], load[:-1], q[1:]), record.start_s - first_s)

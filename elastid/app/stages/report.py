@@ -22,8 +22,7 @@ from elastid.report.page.page import FigureFormat, write_report
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.design import read_forecast, read_peaks, read_plan, read_rehearsal
-from elastid.store.measured import read_friction, read_responses
+from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_rehearsal, read_responses
 from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
 
 
@@ -43,10 +42,7 @@ def report(
     design_file: Path | None = None,
     compare: Path | None = None,
 ) -> Artefacts:
-    """The page and figures of an identified robot.
-
-    compare: compare.json, shown where it is of these responses.
-    """
+    """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted = FittedRobot.of(result, robot, responses, model)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_found_friction
-from elastid.app.summaries import validation_summary, write_summary
+from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -27,8 +28,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store.design import read_plan
-from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
+from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
 from elastid.store.results import read_fit, write_validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
@@ -98,9 +98,8 @@ def validate(
     with work.execution(unfinished) as execution:
         judged, in_time = _validation(own, measure_file, work.console, execution)
         runs = _twin_runs(own, measure_file, rig, execution) if measure_file is not None else ()
-    balances = tuple(balance for each in in_time for balance in each.balances)
+    balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
     twin = TwinFindings(balances, runs)
-    content = validation_summary(name, judged, twin)
 
     def report(console: Console) -> None:
         for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
@@ -113,7 +112,7 @@ def validate(
 
     return Artefacts(
         {
-            "validation.json": lambda path, stamp: write_summary(path, content),
+            "validation.json": as_json(validation_summary(name, judged, twin)),
             "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin),
         },
         report,
@@ -131,7 +130,7 @@ def _validation(
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     in_time = _records_in_time(own, records, console, execution) if records is not None else []
-    replays = tuple(each.replayed for each in in_time)
+    replays = tuple(replayed for replayed, _ in in_time)
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
     validation = replace(
         judged,
@@ -155,12 +154,8 @@ def _folds(own: _Validated, responses: Sequence[FrequencyResponse], execution: E
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
 
 
-@dataclass(frozen=True)
-class _InTime:
-    """The records of one configuration replayed, and the torque of each motor in the first of them."""
-
-    replayed: Replay
-    balances: tuple[TorqueBalance, ...]
+# The records of one configuration replayed, and the torque of each motor in the first of them.
+_InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 
 
 def _records_in_time(own: _Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
@@ -168,8 +163,20 @@ def _records_in_time(own: _Validated, path: Path, console: Console, execution: E
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    names = read_configurations(path)
-    models = [each for each in _models(own, console) if each.configuration in names]
+    fitted, names = own.fitted, read_configurations(path)
+    try:
+        rigid = rigid_linearisation(fitted, own.model)
+    except StudyError as error:
+        console.say(f"validate: the torque is not divided into parts: {error}")
+        rigid = None
+    models = [
+        _Models(
+            *(name, fitted.at(name), fitted.theta_of(name)),
+            *(None if rigid is None else model_parts(fitted, rigid, name), response.freq_hz),
+        )
+        for response in fitted.measured
+        if (name := response.configuration.name) in names
+    ]
     return execution.ordered(partial(_in_time, path, own.friction, shaft_couplings(own.robot), own.estimator), models)
 
 
@@ -184,19 +191,6 @@ class _Models:
     freq_hz: FloatArray
 
 
-def _models(own: _Validated, console: Console) -> Iterator[_Models]:
-    fitted = own.fitted
-    try:
-        rigid = rigid_linearisation(fitted, own.model)
-    except StudyError as error:
-        console.say(f"validate: the torque is not divided into parts: {error}")
-        rigid = None
-    for response in fitted.measured:
-        name = response.configuration.name
-        parts = None if rigid is None else model_parts(fitted, rigid, name)
-        yield _Models(name, fitted.at(name), fitted.theta_of(name), parts, response.freq_hz)
-
-
 def _in_time(
     path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
 ) -> _InTime:
@@ -207,7 +201,7 @@ def _in_time(
     balances = () if parts is None else elastic_balances(first, net, parts, freq_hz, spec)
     every = chain([net], net_records(records, friction, E))
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
-    return _InTime(replay(every, models.linear, models.theta, band_hz, spec), balances)
+    return replay(every, models.linear, models.theta, band_hz, spec), balances
 
 
 def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:

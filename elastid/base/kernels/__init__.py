@@ -82,13 +82,11 @@ def _level() -> str:
 
 @cache
 def _kernel(name: str) -> Callable[..., int]:
-    """The function of a kernel for this processor."""
     level = _level()
     return getattr(_library(), f"{name}_{level}")  # type: ignore[no-any-return]
 
 
 def _as_c(argument: int | npt.NDArray[Any] | None) -> object:
-    """An argument of `call` for ctypes."""
     if not isinstance(argument, np.ndarray):
         return argument if argument is None else ctypes.c_int64(argument)
     if argument.size and argument.flags.writeable:

@@ -20,9 +20,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import StudyError
-from elastid.base.label import labelled
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
 from elastid.record import Configuration

@@ -9,10 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError, index_of
-from elastid.base.label import labelled
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.multisine import synthesise
 from elastid.excitation.spec import MultisineSpec, planned_lines

@@ -22,8 +22,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
-from elastid.base.label import labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.parameters import ParameterSet
 
 

@@ -9,6 +9,7 @@ import pytest
 from plants.friction_records import TEMPLATE
 
 from elastid.app import cli
+from elastid.app.cli import run_command
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.overview import overview
@@ -17,8 +18,9 @@ from elastid.app.stage_table import FRICTION, stages_of
 from elastid.base.errors import StudyError
 from elastid.friction_study.identify import identify_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.friction_study import read_friction_records, read_friction_result, read_levels
+from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result, read_levels
 from elastid.study import load, load_robot
+from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
 # Few and short passes: the least that tells Coulomb and viscous friction.
 SMALL = (
@@ -154,23 +156,23 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
 @pytest.mark.slow
 def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import friction as measuring
+    from elastid.app.stages import measure as measuring
 
     folder = copied(tmp_path / "study")
     run_stage(run_of(folder, *SMALL), "design")
-    whole, done = measuring._measure_motion, []
+    whole, done = measuring._measure_part, []
 
-    def stopped(rig, path, stamp, motion):  # type: ignore[no-untyped-def]
+    def stopped(measure, write, stamp, file):  # type: ignore[no-untyped-def]
         if len(done) == 3:
             raise KeyboardInterrupt
-        done.append(motion.name)
-        whole(rig, path, stamp, motion)
+        done.append(file)
+        whole(measure, write, stamp, file)
 
-    monkeypatch.setattr(measuring, "_measure_motion", stopped)
+    monkeypatch.setattr(measuring, "_measure_part", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_stage(run_of(folder, *SMALL), "measure")
     assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
-    monkeypatch.setattr(measuring, "_measure_motion", whole)
+    monkeypatch.setattr(measuring, "_measure_part", whole)
     run_stage(run_of(folder, *SMALL), "measure")
     resumed = (folder / "run" / "records.h5").read_bytes()
     run_stage(run_of(folder, *SMALL), "measure")
@@ -217,3 +219,75 @@ def test_a_warm_up_tells_what_heat_does_to_friction(tmp_path: Path) -> None:
     for name, value in true.items():
         assert value is not None
         assert abs(found[name].value - value) < 3.5 * found[name].std, (name, found[name], value)
+
+
+ROBOT = f"""
+name: one axis
+gravity: [0, 0, -9.81]
+bodies:
+  - name: arm
+    joints:
+      - name: 1
+        axis: z
+        motor: {{inertia: {JOINT.motor_inertia / 4}, ratio: 2, viscous: {VISCOUS / 4}, coulomb: {COULOMB / 2}}}
+        spring: {{stiffness: {JOINT.stiffness}, damping: {JOINT.damping}}}
+    inertia: {JOINT.link_inertia}
+"""
+STUDY = f"""
+name: warm_axis
+robot: robot.yml
+friction: {{joints: [1]}}
+filter: {{states: [Fc, f, offset], drift: 2.236, settle: 5 s, torque_std: 0.05, correlation_time: 0}}
+experiment:
+  recorded:
+    rate_hz: {RATE_HZ:g}
+    channels:
+      - {{role: u, at: motor 1, channel: torque, quantity: torque, unit: N*m}}
+      - {{role: y, at: motor 1, channel: angle, quantity: position, unit: rad}}
+    files:
+      - {{path: log.csv, joint: 1}}
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study of a log of 20 s."""
+    folder = tmp_path_factory.mktemp("follow")
+    run = simulate(rich(20), seed=6, offset=0.0, stiction_ratio=1.0)
+    samples = run.samples
+    read = np.concatenate([[0.0], samples.angle[:-1]])  # when the torque begins that is then held
+    rows = np.column_stack([np.arange(len(read)) / RATE_HZ, samples.torque, read])
+    np.savetxt(folder / "log.csv", rows, "%.9g", ",", header="t,torque,angle", comments="")
+    (folder / "robot.yml").write_text(ROBOT)
+    (folder / "study.yml").write_text(STUDY)
+    return folder / "study.yml"
+
+
+@pytest.mark.slow
+def test_friction_of_a_log_is_followed(study: Path) -> None:
+    """The torque of sliding at the end of a warm-up is within 2 %, drawn, and its filter is exported as C."""
+    run = study.parent / "run"
+    for stage in ("measure", "levels", "friction", "follow", "report"):
+        assert run_command([stage, str(study), "--run", str(run), "-q"]) == 0
+    (found,) = read_filter(run / "filter.h5")
+    assert 0.6 * VISCOUS < found.filtered.viscous < 1.2 * VISCOUS  # link side, as all of the joint
+    end = dict(zip(found.names, found.values[-1].tolist(), strict=True))
+    warmth, speed = 1 - np.exp(-1), 30.0
+    true = COULOMB * (1 - 0.15 * warmth) + VISCOUS * (1 - 0.5 * warmth) * speed
+    assert end["Fc"] + end["f"] * speed == pytest.approx(true, rel=0.02)
+    assert list((run / "figures").glob("*filter.png"))
+    assert run_command(["export", str(study), "--run", str(run), "--to", "observer", "-q"]) == 0
+    assert "joint_1_follow" in (run / "export" / "observer" / "observer.h").read_text()
+
+
+def test_what_follow_needs_is_said(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A study without the section, and a filter of a study of elasticity."""
+    plain = tmp_path / "study.yml"
+    text = study.read_text().replace("robot.yml", str(study.parent / "robot.yml"))
+    plain.write_text("\n".join(line for line in text.splitlines() if not line.startswith("filter")))
+    (tmp_path / "log.csv").write_bytes((study.parent / "log.csv").read_bytes())
+    assert run_command(["follow", str(plain), "--run", str(tmp_path / "run")]) == 2
+    assert "give filter: {}" in capsys.readouterr().err
+    plain.write_text("\n".join(line for line in text.splitlines() if not line.startswith("friction")))
+    assert run_command(["check", str(plain)]) == 2
+    assert "a filter follows friction" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.lab_logs import RATE
 
-from elastid.app.provenance import file_hash
+from elastid.app.work import file_hash
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec

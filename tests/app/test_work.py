@@ -8,21 +8,21 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 import pytest
 
 import elastid
-from elastid.app import provenance
-from elastid.app.provenance import code_hash, handed_values, stamps
+from elastid.app import work
 from elastid.app.scaffold import new
-from elastid.app.stage_table import PLAN, SIMULATED, STAGES, Stage, function_of, stages_of, stages_of_study
+from elastid.app.stage_table import PLAN, SIMULATED, STAGES, Stage, stages_of, stages_of_study
 from elastid.app.stages.design import design
-from elastid.app.work import StudyFiles, Work
+from elastid.app.work import StudyFiles, Work, code_hash, handed_values, stamps
 from elastid.fit.spec import ParameterSpec, RatioSpec
 from elastid.store.artefacts import Stamp
-from elastid.store.design import read_plan
+from elastid.store.measured import read_plan
 from elastid.study import LoadedStudy, Study, load
 
 PACKAGE = Path(elastid.__file__).parent
@@ -42,7 +42,7 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LoadedStudy]:
 @pytest.fixture(autouse=True)
 def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Thousands of stamps without reading the package each time."""
-    monkeypatch.setattr(provenance, "code_hash", lambda: 64 * "0")
+    monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
 
 
 @pytest.mark.parametrize("kind", [".py", ".c", ".h", ".j2", ".js", ".css", ".yml", ".typed", ""])
@@ -69,7 +69,7 @@ def test_every_kind_of_packaged_file_is_tried() -> None:
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.function)
 def test_a_stage_takes_the_values_of_its_row_and_nothing_else(stage: Stage) -> None:
     """By keyword; none of them is a study or a run, through which it would reach the rest."""
-    parameters = inspect.signature(function_of(stage.function)).parameters
+    parameters = inspect.signature(resolve_name(stage.function)).parameters
     declared = {value.argument for value in stage.values} | {source.argument for source in stage.sources} | {"work"}
     declared |= {"files"} if stage.files is not None else set()
     declared |= {name.partition(".")[0] for name in stage.extras}
