@@ -112,7 +112,7 @@ def choose_configurations(
         random = _random_value(H, task.count, criterion, known, seed)
         chosen = _named([configurations[i] for i in rows], numbers, task.prospect.realisations, taken)
         than_random = math.exp((value - random) / 2)
-        choices.append((value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(rows))))
+        choices.append((value, Choice(chosen, task.prospect.plan.periods, efficiency, than_random, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 

@@ -20,11 +20,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.design.amplitudes import best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.choice import Choice, InformationTask, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import nearest_run, within_limits
-from elastid.design.problem import DesignProblem
+from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, period_options, robot_time_refusal, room
 from elastid.experiment.plan.movement import Rehearsal

@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError
 from elastid.base.label import labelled
 from elastid.base.note import Note
 from elastid.base.units import of_translation
-from elastid.design.expected_response import ExpectedResponse, expected_fit
+from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real

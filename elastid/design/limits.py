@@ -21,11 +21,10 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
-from elastid.excitation.crest import peaks as signal_peaks
+from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import Rehearsal, derivatives
-from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.plan.torque_spectra import torque_rms
+from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -255,12 +254,7 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 
 
 def _rehearse(
-    rig: SimulatedRig,
-    factor: FloatArray,
-    base: FloatArray,
-    allowed: FloatArray,
-    is_free: bool,
-    execution: Execution,
+    rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 5, n_u), and each run's peaks (5, n_u) there."""
     plan = rig.plan

@@ -1,4 +1,4 @@
-"""DesignProblem: the sections of a study that a plan depends on, and the plans and prospects that they give."""
+"""DesignProblem: the sections of a study that a plan depends on, and the amplitudes that a study leaves open."""
 
 from __future__ import annotations
 
@@ -8,22 +8,26 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError, StudyError
 from elastid.design.candidates import Candidates, draw_candidates
-from elastid.design.choice import draw_guesses
-from elastid.design.expected_response import ExpectedResponse, linear_model, variance_like
+from elastid.design.choice import draw_guesses, visible
+from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion
-from elastid.design.prospect import NoiseLevel, Prospect
+from elastid.design.optimal_powers import best_powers, even_powers
+from elastid.design.prospect import ExpectedResponse, Prospect, variance_like
 from elastid.design.spec import DesignSpec, LevelSpec, interest
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.fit.problem.elastic import linear_model
 from elastid.fit.problem.weights import weigh
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
+from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -130,38 +134,29 @@ class DesignProblem:
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
-        outputs = self.simulated.outputs or self.robot.motor_locations
         spec = self.design.noise if self.design is not None else LevelSpec()
+        own = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
         variance = None
         if self.like:
-            variance = variance_like(self.like, plan.freq_hz, outputs, plan.inputs) * self.experiment.realisations
+            variance = variance_like(self.like, plan.freq_hz, self.outputs, plan.inputs) * self.experiment.realisations
         return Prospect(
-            model=self.model,
-            robot=self.robot,
-            parameters=self.parameters,
-            fit=self.fit,
-            outputs=outputs,
-            quantity=self.quantity,
-            controller=self.simulated.controller,
-            carrier_velocity=one_period(self.simulated.carrier, plan),
-            level=NoiseLevel(self.simulated.noise, spec.distortion, spec.absolute, variance),
-            lines=plan.lines,
-            R=plan.R[q, : plan.realisations[q]],
-            rate_hz=plan.rate_hz,
-            period_samples=plan.period_samples,
-            periods=plan.periods,
-            realisations=self.experiment.realisations,
-            friction_is_left=self.friction_is_left,
-        )
+            self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated, spec,
+            variance, own, self.experiment.realisations, one_period(self.simulated.carrier, plan),
+            self.friction_is_left,
+        )  # fmt: skip
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The places that the rig logs."""
+        return self.simulated.outputs or self.robot.motor_locations
 
     @property
     def friction_is_left(self) -> bool:
         """True if the responses will contain the motors' friction: it is not taken out, or cannot be identified."""
-        outputs = self.simulated.outputs or self.robot.motor_locations
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
-        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(outputs)
+        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
     def fitted(self, plan: Plan) -> list[tuple[Prospect, Configuration, int]]:
         """Prospect, configuration and realisations of each configuration of a plan that the fit uses."""
@@ -174,8 +169,106 @@ class DesignProblem:
         slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
         known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
         for response in self.measured:
+            linearisation = Linearisation.of_robot(self.robot, self.model, parameters.names)
             for s, guess in enumerate(x):
-                model = linear_model(self.robot, self.model, parameters, response, guess)
+                model = linear_model(linearisation, response, parameters.expand(guess))
                 expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
                 known[s] += expected.information(guess)
         return known
+
+
+def with_torques(problem: DesignProblem) -> DesignProblem:
+    """The problem with the torques that a few postures bear, where the study leaves them to the limits."""
+    excitation, experiment = problem.excitation, problem.experiment
+    if excitation.torque_rms != "limits":
+        return problem
+    probe = _with_phases(problem, problem.probe(replace(experiment, realisations=1), 1))
+    probe, _ = within_limits(probe, replace(excitation, flat="torque"), experiment, problem.robot, problem.seed)
+    rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
+    return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
+
+
+def _with_phases(problem: DesignProblem, probe: Plan) -> Plan:
+    """The probe with the peaks that it would have if measured: phases optimised in one configuration, taken for all."""
+    if problem.excitation.phases != "optimised":
+        return probe
+    single = replace(problem.experiment, configurations={}, realisations=1)
+    phases = np.angle(problem.plan(single, [ChosenConfiguration(probe.configurations[0], 1)]).R)
+    return replace(probe, R=np.abs(probe.R) * np.exp(1j * phases))
+
+
+def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
+    """The problem with the spectrum of the most information about a few configurations, for `flat: information`.
+
+    torque_rms: as the study has it, `limits` included.
+    """
+    if problem.excitation.flat != "information":
+        return problem
+    probe, measurements, costs = problem.probe(problem.experiment), [], []
+    refused: StudyError | DataError | None = None
+    for q, configuration in enumerate(probe.configurations):
+        try:
+            prospect = problem.prospect(probe, q)
+            for x in problem.guesses:
+                prospect.expected(configuration, x)
+            single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+            costs.append(_costs(problem, single, torque_rms))
+            measurements.append((prospect, configuration, probe.realisations[q]))
+        except (StudyError, DataError) as error:
+            refused = error
+    if refused is not None and not measurements:
+        raise refused
+    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
+
+
+def best_spectra_of(
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
+    """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+
+    Empty without `flat: information`.
+    """
+    if problem.typical is None:
+        return {}
+    plan = problem.plan(experiment, chosen)
+    fitted = problem.fitted(plan)
+    names = [configuration.name for _, configuration, _ in fitted]
+    rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
+    best = _best(problem, fitted, _costs(problem, plan, torque_rms)[rows])
+    return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
+
+
+def _best(
+    problem: DesignProblem,
+    measurements: Sequence[tuple[Prospect, Configuration, int]],
+    cost: FloatArray,
+    together: bool = False,
+) -> FloatArray:
+    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+
+    measurements: prospect, configuration and realisations of each.  cost (Q, n_o, F, n_u): `limits.power_costs`.
+    StudyError where fewer experiments than inputs are run.
+    """
+    x = problem.guesses
+    first = measurements[0][0]
+    E, n_u = first.R.shape[1], first.R.shape[3]
+    if n_u > E:
+        raise StudyError(
+            f"excitation.flat: information needs as many experiments as motors, and there are {E} for {n_u}: with "
+            "fewer the inputs are separated by neighbouring lines, which must all be strong; take another flat, or "
+            "leave experiment.experiments out"
+        )
+    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
+    even = even_powers(cost)
+    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
+    known = problem.prior_information(x)
+    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
+    groups = [sources] if together else [[guesses] for guesses in sources]
+    cost = cost.mean(axis=0, keepdims=True) if together else cost
+    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    return np.asarray(np.sqrt(best.P / E))
+
+
+def _costs(problem: DesignProblem, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
+    excitation = replace(problem.excitation, torque_rms=torque_rms)
+    return power_costs(plan, excitation, problem.experiment, problem.robot, problem.seed)

@@ -2,30 +2,225 @@
 
 Passes follow their reference; loops and multisines at rest are torques under a loop so slow that friction alone holds
 the joint. Load and temperature change the friction along a motion; the temperature of a joint follows from all that it
-did before (`heating`), so that motions can be measured in any order and in any process.
+did before (`heat_of`), so that motions can be measured in any order and in any process.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.friction import FrictionPlan, PlannedMotion, PlannedWarmUp
-from elastid.experiment.simulated.friction_run import FrictionRun, heat_of, holding_torque, path_of
+from elastid.experiment.plan.friction import (
+    FrictionPlan,
+    PassLimits,
+    PlannedMotion,
+    PlannedPass,
+    PlannedWarmUp,
+    pass_reference,
+    pass_time,
+    planned_pass,
+)
 from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
 from elastid.experiment.simulated.plant import Plant, check_steps, model_of, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import extrapolated, torque_notes
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.linear.equilibrium import equilibrium
+from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.elastic import ElasticModel
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
-from elastid.simulation.closed_loop import Trajectory
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import feed_forward, tune
+
+
+@frozen_value
+class Path:
+    """Reference of one joint and torque that is injected, each (n,), link side; there, back: plateaus of a pass."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    there: tuple[int, int] | None = None
+    back: tuple[int, int] | None = None
+
+    @property
+    def n_samples(self) -> int:
+        """Length."""
+        return len(self.position)
+
+    @property
+    def sliding(self) -> FloatArray:
+        """Samples of both plateaus; of a motion without them, the first sample."""
+        windows = [window for window in (self.there, self.back) if window is not None]
+        return np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
+
+
+def path_of(motion: PlannedMotion, limits: PassLimits, angle: float, rate_hz: float) -> Path:
+    """The path of a planned motion; angle: at which the joint stands under a torque."""
+    if motion.planned is not None:
+        pass_ = pass_reference(motion.planned, limits, rate_hz)
+        still = np.zeros_like(pass_.position)
+        return Path(pass_.position, pass_.velocity, pass_.acceleration, still, pass_.there, pass_.back)
+    torque = np.zeros(1) if motion.torque is None else motion.torque
+    still = np.zeros_like(torque)
+    return Path(still + angle, still, still, torque)
+
+
+@dataclass(frozen=True)
+class FrictionRun:
+    """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
+
+    motion: PlannedMotion
+    plant: Plant
+    point: OperatingPoint
+    index: int
+    path: Path
+    temperature: FloatArray | None
+
+    def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
+        """The motion in closed loop; DataError where the joint is lost."""
+        model, n, i = self.plant.model, self.path.n_samples, self.index
+        position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        position += self.point.configuration.angles
+        position[:, i], velocity[:, i] = self.path.position, self.path.velocity
+        acceleration[:, i], injected[:, i] = self.path.acceleration, self.path.torque
+        moved = position - self.point.configuration.angles
+        torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
+        commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
+        bandwidth_hz = controller.bandwidth_hz
+        if self.motion.planned is None and self.motion.period_samples is not None:
+            # Ten times slower than the torque, so that the loop does not hold the joint against it.
+            bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
+        gains = tune(
+            model, self.point.q, bandwidth_hz, controller.damping_ratio,
+            controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
+        )  # fmt: skip
+        try:
+            return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
+        except DataError as error:
+            raise DataError(
+                f"{self.motion.name}: {error}. Raise experiment.simulated.controller.bandwidth_hz, or lower the speeds "
+                "or torques of this motion"
+            ) from None
+
+    def _friction(self) -> FloatArray:
+        """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
+        contacts, n = self.plant.loop.contacts, self.path.n_samples
+        # Load and friction change slowly: straight lines between a hundred moments.
+        knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
+        holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[knots])
+        own = (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
+        rows = []
+        try:
+            for knot, u in zip(knots, holding, strict=True):
+                loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
+                T = None if self.temperature is None else float(self.temperature[knot])
+                curves = [
+                    law.curve(load, T if law.place in own else None)
+                    for law, load in zip(contacts.laws, loads, strict=True)
+                ]
+                rows.append(np.concatenate([np.zeros(0), *curves]))
+        except ValueError as error:
+            raise StudyError(f"{self.motion.name}: {error}") from None
+        table = np.stack(rows)
+        columns = [np.interp(np.arange(n), knots, column) for column in table.T]
+        return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
+
+
+def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
+    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    moved = np.zeros((len(position), model.n_u))
+    moved[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(moved)
+    return feed_forward(model, point.q, moved, still, still)
+
+
+@frozen_value
+class JointHeat:
+    """Of one joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
+
+    time_s: FloatArray
+    temperature: FloatArray
+    power: FloatArray
+
+    def temperature_at(self, time_s: FloatArray) -> FloatArray:
+        """degC at times (m,)."""
+        return np.interp(time_s, self.time_s, self.temperature)
+
+
+@dataclass(frozen=True)
+class _Activity:
+    """Motion of a joint from start_s to end_s; speed (m,): equally likely ones, none at rest."""
+
+    start_s: float
+    end_s: float
+    speed: FloatArray
+
+
+def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> JointHeat:
+    r"""The temperature of a joint of the true robot over the whole plan.
+
+    .. math:: C \dot T = P - h (T - T_a), \qquad
+              T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
+
+    exact over a step of constant power. Hours are not simulated sample by sample: P of a pass, or of a warm-up between
+    its tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
+    """
+    own = next(driven for driven in robot.driven if driven.name == joint)
+    viscous = own.viscous + (own.motor.viscous * own.motor.ratio**2 if own.motor is not None else 0.0)
+    laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
+    times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
+    for activity in _activities(plan, joint):
+        steps = max(1, math.ceil((activity.end_s - activity.start_s) / 30.0))  # s of constant power
+        for end_s in np.linspace(activity.start_s, activity.end_s, steps + 1)[1:].tolist():
+            T = temperatures[-1]
+            watts = [v * (viscous * v + sum(law.sliding(v, temperature=T) for law in laws)) for v in activity.speed]
+            power = sum(watts) / max(1, len(watts))
+            fade = math.exp(-(end_s - times[-1]) / spec.time_constant)
+            times.append(end_s)
+            powers.append(power)
+            temperatures.append(spec.ambient + (T - spec.ambient) * fade + power / spec.conductance * (1 - fade))
+    return JointHeat(np.array(times), np.array(temperatures), np.array(powers))
+
+
+def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
+    """The activities of a joint, without gaps from the start of the plan to its end."""
+    limits = next(design.limits for design in plan.designs if design.joint == joint)
+    passes = [(m.start_s, m.planned) for m in plan.motions if m.joint == joint and m.planned is not None]
+    warm_up = next((warm_up for warm_up in plan.warm_ups if warm_up.joint == joint), None)
+    activities, clock = list[_Activity](), 0.0
+    for start_s, planned in passes:
+        activities += _between(clock, start_s, warm_up, limits)
+        clock = start_s + pass_time(planned, limits)
+        activities.append(_Activity(start_s, clock, _speeds(planned, limits)))
+    activities += _between(clock, plan.robot_time_s, warm_up, limits)
+    return [activity for activity in activities if activity.end_s > activity.start_s]
+
+
+def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
+    """Rest, and the motion of a warm-up as far as it lies in between."""
+    rest = np.zeros(0)
+    if warm_up is None:
+        return [_Activity(start_s, end_s, rest)]
+    low = min(max(warm_up.start_s, start_s), end_s)
+    high = max(min(warm_up.start_s + warm_up.time_s, end_s), low)
+    speeds = _speeds(planned_pass(warm_up.speed, 0, limits), limits)
+    moving = _Activity(low, high, speeds[speeds > 0])
+    return [_Activity(start_s, low, rest), moving, _Activity(high, end_s, rest)]
+
+
+def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
+    """Quantiles of |velocity| over a pass, pauses included."""
+    velocity = np.abs(pass_reference(planned, limits, 100.0).velocity)
+    return np.quantile(velocity, (np.arange(16) + 0.5) / 16)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.experiment.plan.movement import FeedForward, Movement
-from elastid.experiment.plan.torque_spectra import ClosedLoopResponse, PredictClosedLoop
+from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippleSpec
 from elastid.experiment.specs.simulated import ControllerSpec

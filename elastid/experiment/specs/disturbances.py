@@ -8,14 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.section import Key, section
-from elastid.base.units import (
-    Acceleration,
-    Angle,
-    Frequency,
-    Temperature,
-    Time,
-    Torque,
-)
+from elastid.base.units import Acceleration, Angle, Frequency, Temperature, Time, Torque
 
 
 @section
