@@ -19,10 +19,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
-from elastid.design.candidates import Candidates
 from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, GuessSpec, interest
 from elastid.experiment.plan.plan import ChosenConfiguration
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
@@ -53,66 +51,33 @@ class Choice:
         )
 
 
-@dataclass(frozen=True)
-class InformationTask:
-    """Number of experiments to choose and of their periods, with the information that exists without them.
-
-    known (S, n_x, n_x): information of given configurations, earlier measurements and priors, for each guess.
-    """
-
-    prospect: Prospect
-    count: int
-    known: FloatArray
-
-
-def draw_guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) -> FloatArray:
-    """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
-    if spec is None:
-        return parameters.x[None]
-    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x90,)))
-    spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
-    lower, upper = parameters.x_bounds
-    drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
-    return np.vstack([parameters.x, np.clip(drawn, lower, upper)])
-
-
 def choose_configurations(
-    spec: DesignSpec,
-    tasks: Sequence[InformationTask],
-    candidates: Candidates,
+    criterion: DesignCriterion,
+    tasks: Sequence[tuple[Prospect, int, FloatArray]],
+    configurations: Sequence[Configuration],
     x: FloatArray,
     taken: Sequence[str],
     seed: int,
     execution: Execution,
 ) -> Choice:
-    """The best whole experiments among the candidates, for the best of the tasks.
+    """The best whole experiments among candidate configurations, for the best of the tasks.
 
-    x (S, n_x): guesses of the parameters.  taken: names that other configurations have.  StudyError for unknown
-    parameters, fewer candidates than asked for, and where no candidate informs any parameter.
+    tasks: number of experiments to choose, with their prospect, and the information (S, n_x, n_x) that exists without
+    them (given configurations, earlier measurements, priors).  x (S, n_x): guesses of the parameters.  taken: names
+    that other configurations have.  StudyError where no candidate informs any parameter.
     """
-    parameters = tasks[0].prospect.parameters
-    wanted = interest(parameters.free_names, spec.parameters)
-    configurations = candidates.configurations
-    if spec.count is not None and len(configurations) < spec.count:
-        raise StudyError(
-            f"design.count: {spec.count} configurations are asked for, {len(configurations)} candidates are admissible"
-            + (f" ({candidates.reasons})" if candidates.refused else "")
-            + f"; lower count to {len(configurations)}, give more candidates, or more realisations of each"
-        )
-    over = "mean" if spec.robust is None else spec.robust.over
     choices: list[tuple[float, Choice]] = []
-    for task in tasks:
-        H, rows = informations(task.prospect, configurations, x, execution)
-        criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
-        known = task.known + ground
-        shares = relaxed_design(H, criterion, known / task.count)
-        numbers = whole_experiments(H, shares.weights, task.count, criterion, known)
-        value = _value(H, numbers, criterion, known)
-        efficiency = math.exp(min(0.0, value - math.log(task.count) - shares.bound))
-        random = _random_value(H, task.count, criterion, known, seed)
-        chosen = _named([configurations[i] for i in rows], numbers, task.prospect.realisations, taken)
-        than_random = math.exp((value - random) / 2)
-        choices.append((value, Choice(chosen, task.prospect.plan.periods, efficiency, than_random, len(rows))))
+    for prospect, count, elsewhere in tasks:
+        H, rows = informations(prospect, configurations, x, execution)
+        seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
+        known = elsewhere + ground
+        shares = relaxed_design(H, seen, known / count)
+        numbers = whole_experiments(H, shares.weights, count, seen, known)
+        value = _value(H, numbers, seen, known)
+        efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
+        than_random = math.exp((value - _random_value(H, count, seen, known, seed)) / 2)
+        chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, than_random, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 
@@ -139,15 +104,14 @@ def informations(
 def _informations(
     prospect: Prospect, x: FloatArray, configurations: Sequence[Configuration]
 ) -> list[FloatArray | None]:
-    return [_information(prospect, x, configuration) for configuration in configurations]
-
-
-def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
-    try:
-        return np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
-    except (StudyError, DataError):
-        return None
+    """H (S, n_x, n_x) of each; None where there is no equilibrium for one of the guesses."""
+    found: list[FloatArray | None] = []
+    for configuration in configurations:
+        try:
+            found.append(prospect.information(configuration, x))
+        except (StudyError, DataError):
+            found.append(None)
+    return found
 
 
 def visible(

@@ -17,10 +17,10 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.design.choice import Choice, InformationTask, choose_configurations
+from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import nearest_run, within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
@@ -143,7 +143,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     Raises StudyError for a problem without a solution, with what is in the way.
     """
     execution = execution or Execution()
-    excitation, experiment, robot = problem.excitation, problem.experiment, problem.robot
+    excitation, experiment = problem.excitation, problem.experiment
     settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
     choice = None
     if problem.design is not None:
@@ -154,18 +154,17 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
-    plan, limit_use = within_limits(plan, excitation, experiment, robot, problem.seed, execution)
+    plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     x, fitted = settled.parameters.x, settled.fitted(plan)
     expected = forecast([prospect.expected(c, x, realisations) for prospect, c, realisations in fitted], x)
     notes = (
-        *sticking(plan, true_robot(robot, problem.simulated.truth), problem.simulated.carrier),
+        *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
-    nearest = nearest_run(plan, limit_use.nearest, experiment, robot, problem.seed)
-    return Design(plan, expected, limit_use, nearest)
+    return Design(plan, expected, limit_use, nearest_run(problem.rig(plan), limit_use.nearest))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
@@ -186,18 +185,11 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
 
 def _equivalent_damping(problem: DesignProblem, probe: Plan, x: FloatArray) -> list[FloatArray]:
     """Damping (n_u,) by Coulomb friction in each configuration of a plan, but for candidates without equilibrium."""
-    given, damping = problem.experiment.configurations, []
-    refused: StudyError | DataError | None = None
-    for q, configuration in enumerate(probe.configurations):
-        try:
-            damping.append(problem.prospect(probe, q).equivalent_damping(configuration, x))
-        except (StudyError, DataError) as error:
-            if configuration.name in given:
-                raise
-            refused = error
-    if refused is not None and not damping:
-        raise refused
-    return damping
+
+    def damping(q: int, configuration: Configuration) -> FloatArray:
+        return problem.prospect(probe, q).equivalent_damping(configuration, x)
+
+    return problem.at_equilibria(probe, damping, problem.experiment.configurations)
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
@@ -220,21 +212,27 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
         raise StudyError(f"design.robot_time: {refusal}")
     options = [periods for periods in period_options(spec, problem.experiment) if room(*sections, periods) >= 1]
     tasks = [_task(problem, periods, room(*sections, periods), x) for periods in options]
+    criterion, n = problem.criterion, len(candidates.configurations)
+    if spec.count is not None and n < spec.count:
+        raise StudyError(
+            f"design.count: {spec.count} configurations are asked for, {n} candidates are admissible"
+            + (f" ({candidates.reasons})" if candidates.refused else "")
+            + f"; lower count to {n}, give more candidates, or more realisations of each"
+        )
     given = tuple(problem.experiment.configurations)
-    return choose_configurations(spec, tasks, candidates, x, given, problem.seed, execution)
+    return choose_configurations(criterion, tasks, candidates.configurations, x, given, problem.seed, execution)
 
 
-def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> InformationTask:
-    """A prospect, and the information of given configurations, earlier measurements and priors."""
+def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tuple[Prospect, int, FloatArray]:
+    """A prospect, the count, and the information of given configurations, earlier measurements and priors."""
     problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     known = problem.prior_information(x)
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
-            prospect = problem.prospect(probe, q)
-            known = known + np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
-    return InformationTask(problem.prospect(probe, len(probe.configurations) - 1), count, known)
+            known = known + problem.prospect(probe, q).information(configuration, x)
+    return problem.prospect(probe, len(probe.configurations) - 1), count, known
 
 
 def _shared_lines(plan: Plan) -> tuple[Note, ...]:

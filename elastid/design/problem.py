@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.design.candidates import Candidates, draw_candidates
-from elastid.design.choice import draw_guesses, visible
+from elastid.design.choice import visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion
 from elastid.design.optimal_powers import best_powers, even_powers
@@ -20,6 +22,7 @@ from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.problem.elastic import linear_model
@@ -34,6 +37,10 @@ from elastid.parameters import ParameterSet
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+
+Value = TypeVar("Value")
+# A prospect, its configuration, and the realisations in which it is measured.
+_Measurement: TypeAlias = tuple[Prospect, Configuration, int]
 
 
 @frozen_value
@@ -82,16 +89,23 @@ class DesignProblem:
 
     @property
     def guesses(self) -> FloatArray:
-        """Guesses (S, n_x) of the parameters, the nominal one first."""
-        return draw_guesses(self.parameters, None if self.design is None else self.design.robust, self.seed)
+        """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
+        parameters, spec = self.parameters, None if self.design is None else self.design.robust
+        if spec is None:
+            return parameters.x[None]
+        draw = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0x90,)))
+        spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
+        drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
+        return np.vstack([parameters.x, np.clip(drawn, *parameters.x_bounds)])
 
     @property
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
-        design = self.design
-        wanted = interest(self.parameters.free_names, () if design is None else design.parameters)
-        over = design.robust.over if design is not None and design.robust is not None else "mean"
-        return DesignCriterion("D" if design is None else design.criterion, wanted, over)
+        design, names = self.design, self.parameters.free_names
+        if design is None:
+            return DesignCriterion("D", interest(names, ()))
+        over = "mean" if design.robust is None else design.robust.over
+        return DesignCriterion(design.criterion, interest(names, design.parameters), over)
 
     def candidates(self, design: DesignSpec) -> Candidates:
         """The admissible configurations, with room for the carrier and the margin of the limits."""
@@ -117,6 +131,10 @@ class DesignProblem:
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
         return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
+    def rig(self, plan: Plan) -> SimulatedRig:
+        """The rig that rehearses a plan: the simulated one without its truth."""
+        return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
+
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
         """A plan of the given configurations, and of eight more that stand for all candidates.
 
@@ -131,6 +149,26 @@ class DesignProblem:
         return drawn.plan(
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
+
+    def at_equilibria(
+        self, probe: Plan, value: Callable[[int, Configuration], Value], needed: Collection[str] = ()
+    ) -> list[Value]:
+        """value(q, configuration) of each configuration of a probe that has an equilibrium.
+
+        StudyError or DataError of a needed one (by its name), and of the last one where none has.
+        """
+        values: list[Value] = []
+        refused: StudyError | DataError | None = None
+        for q, configuration in enumerate(probe.configurations):
+            try:
+                values.append(value(q, configuration))
+            except (StudyError, DataError) as error:
+                if configuration.name in needed:
+                    raise
+                refused = error
+        if refused is not None and not values:
+            raise refused
+        return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
@@ -158,7 +196,7 @@ class DesignProblem:
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
-    def fitted(self, plan: Plan) -> list[tuple[Prospect, Configuration, int]]:
+    def fitted(self, plan: Plan) -> list[_Measurement]:
         """Prospect, configuration and realisations of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         return [(self.prospect(plan, q), c, M) for q, (c, M) in measured if c.name not in self.left_out]
@@ -179,11 +217,11 @@ class DesignProblem:
 
 def with_torques(problem: DesignProblem) -> DesignProblem:
     """The problem with the torques that a few postures bear, where the study leaves them to the limits."""
-    excitation, experiment = problem.excitation, problem.experiment
+    excitation = problem.excitation
     if excitation.torque_rms != "limits":
         return problem
-    probe = _with_phases(problem, problem.probe(replace(experiment, realisations=1), 1))
-    probe, _ = within_limits(probe, replace(excitation, flat="torque"), experiment, problem.robot, problem.seed)
+    probe = _with_phases(problem, problem.probe(replace(problem.experiment, realisations=1), 1))
+    probe, _ = within_limits(problem.rig(probe), replace(excitation, flat="torque"))
     rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
     return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
 
@@ -204,20 +242,16 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
     """
     if problem.excitation.flat != "information":
         return problem
-    probe, measurements, costs = problem.probe(problem.experiment), [], []
-    refused: StudyError | DataError | None = None
-    for q, configuration in enumerate(probe.configurations):
-        try:
-            prospect = problem.prospect(probe, q)
-            for x in problem.guesses:
-                prospect.expected(configuration, x)
-            single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
-            costs.append(_costs(problem, single, torque_rms))
-            measurements.append((prospect, configuration, probe.realisations[q]))
-        except (StudyError, DataError) as error:
-            refused = error
-    if refused is not None and not measurements:
-        raise refused
+    probe = problem.probe(problem.experiment)
+
+    def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
+        prospect = problem.prospect(probe, q)
+        for x in problem.guesses:
+            prospect.expected(configuration, x)
+        single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+        return (prospect, configuration, probe.realisations[q]), _costs(problem, single, torque_rms)
+
+    measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
     return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
 
 
@@ -239,18 +273,13 @@ def best_spectra_of(
 
 
 def _best(
-    problem: DesignProblem,
-    measurements: Sequence[tuple[Prospect, Configuration, int]],
-    cost: FloatArray,
-    together: bool = False,
+    problem: DesignProblem, measurements: Sequence[_Measurement], cost: FloatArray, together: bool = False
 ) -> FloatArray:
     """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 
-    measurements: prospect, configuration and realisations of each.  cost (Q, n_o, F, n_u): `limits.power_costs`.
-    StudyError where fewer experiments than inputs are run.
+    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """
-    x = problem.guesses
-    first = measurements[0][0]
+    x, first = problem.guesses, measurements[0][0]
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
         raise StudyError(
@@ -270,5 +299,4 @@ def _best(
 
 
 def _costs(problem: DesignProblem, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
-    excitation = replace(problem.excitation, torque_rms=torque_rms)
-    return power_costs(plan, excitation, problem.experiment, problem.robot, problem.seed)
+    return power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))

@@ -167,6 +167,10 @@ class Prospect:
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
         return ExpectedResponse(response, model, weigh(response, fit or self.fit), self.parameters, fit or self.fit)
 
+    def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """H (S, n_x, n_x) for guesses x (S, n_x)."""
+        return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
+
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
         """The same, elements weighed one by one, as a function of the powers of R; friction scatters as under R.
 

@@ -41,7 +41,7 @@ class ClosedLoopResponse:
         return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
 
 
-# The expected response in a configuration at frequencies (F,) in Hz (`experiment.simulated.plant.closed_loop_of` makes one).
+# The expected response in a configuration at frequencies (F,) in Hz (`simulated.plant.closed_loop_of` makes one).
 PredictClosedLoop: TypeAlias = Callable[[Configuration, FloatArray], ClosedLoopResponse]
 
 

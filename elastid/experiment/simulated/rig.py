@@ -13,7 +13,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.movement import Reference, check_movement, reference
+from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
     Noise,
@@ -94,7 +94,7 @@ class SimulatedRig:
         noise = self._noise(experiment)
         trajectory = self._moved(plant, point, self._gains(plant, point), given, experiment, noise, 1.0, self._end)
         notes = (
-            *clipped(trajectory.u[self._measured], plant, experiment),
+            *clipped(trajectory.u[self.measured], plant, experiment),
             *exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
             *opened(plant.model, trajectory),
             *self._extrapolated(plant, point, trajectory),
@@ -121,7 +121,8 @@ class SimulatedRig:
         return self.plan.run_samples - self.plan.first_sample
 
     @property
-    def _measured(self) -> slice:
+    def measured(self) -> slice:
+        """The samples of a run in the measured periods."""
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
     def _record(
@@ -135,7 +136,7 @@ class SimulatedRig:
         notes: tuple[Note, ...],
     ) -> Record:
         """The log of a run."""
-        plan, end, measured = self.plan, self._end, self._measured
+        plan, end, measured = self.plan, self._end, self.measured
         setup = (plant.model, point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
@@ -168,8 +169,8 @@ class SimulatedRig:
         loads = loads_of(sliding, plant.model.robot, point)
         return extrapolated(sliding, trajectory.q, self.plan.rate_hz, loads, temperatures)
 
-    def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
-        """Motor angles and torques (n, n_u) of a whole run, ramps and holds included, the multisine times `factor`.
+    def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
+        """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
@@ -177,7 +178,8 @@ class SimulatedRig:
         noise = self._noise(experiment)
         gains = self._gains(plant, point)
         trajectory = self._moved(plant, point, gains, given, experiment, noise, factor, self.plan.run_samples)
-        return trajectory.q @ plant.model.B, trajectory.u
+        position = trajectory.q @ plant.model.B
+        return Rehearsal(experiment, self.plan.rate_hz, self.plan.first_sample, position, trajectory.u)
 
     def _noise(self, experiment: Experiment) -> Noise:
         plan = self.plan
