@@ -9,7 +9,7 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     blind = _blind(np.asarray(R), parameters, x)
-    return Forecast(
+    found = Forecast(
         parameters=parameters.free_names,
         units=tuple(p.unit for p in free),
         nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
@@ -117,11 +117,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
         freq_hz=freq_hz,
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
-        notes=(
-            *_undetermined(blind, parameters.free_names, len(expected), len(freq_hz)),
-            *_correlated(covariance, parameters.free_names),
-        ),
+        notes=tuple(_undetermined(blind, parameters.free_names, len(expected), len(freq_hz))),
     )
+    return replace(found, notes=(*found.notes, *_correlated(found)))
 
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
@@ -181,10 +179,8 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
     return notes
 
 
-def _correlated(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
-    std = np.sqrt(np.diag(covariance))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
+def _correlated(found: Forecast) -> list[Note]:
+    names, correlation = found.parameters, np.triu(np.nan_to_num(found.correlation), 1)
     return [
         Note(
             "correlated-parameters",
