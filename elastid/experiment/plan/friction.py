@@ -80,22 +80,17 @@ class PlannedPass:
 
 @frozen_value
 class PassReference:
-    """One pass there and back at rate_hz: position, velocity, acceleration (n,).
+    """One pass there and back at rate_hz, or a joint at rest: position, velocity, acceleration (n,).
 
-    there, back: first sample of each plateau, and the one after its last.
+    there, back: first sample of each plateau of a pass, and the one after its last.
     """
 
     rate_hz: float
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
-    there: tuple[int, int]
-    back: tuple[int, int]
-
-    @property
-    def time_s(self) -> float:
-        """How long it takes."""
-        return len(self.position) / self.rate_hz
+    there: tuple[int, int] | None = None
+    back: tuple[int, int] | None = None
 
 
 def plan_passes(

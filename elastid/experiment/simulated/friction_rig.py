@@ -8,16 +8,19 @@ did before (`heat_of`), so that motions can be measured in any order and in any 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import (
     FrictionPlan,
     PassLimits,
+    PassReference,
     PlannedMotion,
     PlannedPass,
     PlannedWarmUp,
@@ -25,8 +28,8 @@ from elastid.experiment.plan.friction import (
     pass_time,
     planned_pass,
 )
-from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
-from elastid.experiment.simulated.plant import Plant, check_steps, model_of, plant_of, true_robot
+from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, loads_of
+from elastid.experiment.simulated.plant import Plant, check_steps, model_of, true_plant, true_robot
 from elastid.experiment.simulated.run_notes import extrapolated, torque_notes
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
@@ -40,38 +43,12 @@ from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import feed_forward, tune
 
 
-@frozen_value
-class Path:
-    """Reference of one joint and torque that is injected, each (n,), link side; there, back: plateaus of a pass."""
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    torque: FloatArray
-    there: tuple[int, int] | None = None
-    back: tuple[int, int] | None = None
-
-    @property
-    def n_samples(self) -> int:
-        """Length."""
-        return len(self.position)
-
-    @property
-    def sliding(self) -> FloatArray:
-        """Samples of both plateaus; of a motion without them, the first sample."""
-        windows = [window for window in (self.there, self.back) if window is not None]
-        return np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
-
-
-def path_of(motion: PlannedMotion, limits: PassLimits, angle: float, rate_hz: float) -> Path:
+def path_of(motion: PlannedMotion, limits: PassLimits, angle: float, rate_hz: float) -> PassReference:
     """The path of a planned motion; angle: at which the joint stands under a torque."""
     if motion.planned is not None:
-        pass_ = pass_reference(motion.planned, limits, rate_hz)
-        still = np.zeros_like(pass_.position)
-        return Path(pass_.position, pass_.velocity, pass_.acceleration, still, pass_.there, pass_.back)
-    torque = np.zeros(1) if motion.torque is None else motion.torque
-    still = np.zeros_like(torque)
-    return Path(still + angle, still, still, torque)
+        return pass_reference(motion.planned, limits, rate_hz)
+    still = np.zeros(1 if motion.torque is None else len(motion.torque))
+    return PassReference(rate_hz, still + angle, still, still)
 
 
 @dataclass(frozen=True)
@@ -82,16 +59,17 @@ class FrictionRun:
     plant: Plant
     point: OperatingPoint
     index: int
-    path: Path
+    path: PassReference
     temperature: FloatArray | None
 
     def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
         """The motion in closed loop; DataError where the joint is lost."""
-        model, n, i = self.plant.model, self.path.n_samples, self.index
+        model, n, i = self.plant.model, len(self.path.position), self.index
         position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
         position += self.point.configuration.angles
         position[:, i], velocity[:, i] = self.path.position, self.path.velocity
-        acceleration[:, i], injected[:, i] = self.path.acceleration, self.path.torque
+        acceleration[:, i] = self.path.acceleration
+        injected[:, i] = 0.0 if self.motion.torque is None else self.motion.torque
         moved = position - self.point.configuration.angles
         torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
@@ -113,26 +91,20 @@ class FrictionRun:
 
     def _friction(self) -> FloatArray:
         """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
-        contacts, n = self.plant.loop.contacts, self.path.n_samples
-        # Load and friction change slowly: straight lines between a hundred moments.
-        knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
-        holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[knots])
-        own = (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
-        rows = []
-        try:
-            for knot, u in zip(knots, holding, strict=True):
+        contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
+
+        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
+            holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[moments])
+            for i, u in zip(moments, holding, strict=True):
                 loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
-                T = None if self.temperature is None else float(self.temperature[knot])
-                curves = [
-                    law.curve(load, T if law.place in own else None)
-                    for law, load in zip(contacts.laws, loads, strict=True)
-                ]
-                rows.append(np.concatenate([np.zeros(0), *curves]))
+                T = None if self.temperature is None else float(self.temperature[i])
+                pairs = zip(contacts.laws, loads, strict=True)
+                yield [law.curve(load, T if law.place in own else None) for law, load in pairs]
+
+        try:
+            return drifting(curves, len(self.path.position))
         except ValueError as error:
             raise StudyError(f"{self.motion.name}: {error}") from None
-        table = np.stack(rows)
-        columns = [np.interp(np.arange(n), knots, column) for column in table.T]
-        return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
 
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
@@ -156,13 +128,8 @@ class JointHeat:
         return np.interp(time_s, self.time_s, self.temperature)
 
 
-@dataclass(frozen=True)
-class _Activity:
-    """Motion of a joint from start_s to end_s; speed (m,): equally likely ones, none at rest."""
-
-    start_s: float
-    end_s: float
-    speed: FloatArray
+# Motion of a joint from a time to another, in s; its speeds (m,), equally likely ones, none at rest.
+_Activity: TypeAlias = tuple[float, float, FloatArray]
 
 
 def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> JointHeat:
@@ -178,11 +145,11 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> Joi
     viscous = own.viscous + (own.motor.viscous * own.motor.ratio**2 if own.motor is not None else 0.0)
     laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
     times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
-    for activity in _activities(plan, joint):
-        steps = max(1, math.ceil((activity.end_s - activity.start_s) / 30.0))  # s of constant power
-        for end_s in np.linspace(activity.start_s, activity.end_s, steps + 1)[1:].tolist():
+    for start, end, speed in _activities(plan, joint):
+        steps = max(1, math.ceil((end - start) / 30.0))  # s of constant power
+        for end_s in np.linspace(start, end, steps + 1)[1:].tolist():
             T = temperatures[-1]
-            watts = [v * (viscous * v + sum(law.sliding(v, temperature=T) for law in laws)) for v in activity.speed]
+            watts = [v * (viscous * v + sum(law.sliding(v, temperature=T) for law in laws)) for v in speed]
             power = sum(watts) / max(1, len(watts))
             fade = math.exp(-(end_s - times[-1]) / spec.time_constant)
             times.append(end_s)
@@ -200,21 +167,20 @@ def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
     for start_s, planned in passes:
         activities += _between(clock, start_s, warm_up, limits)
         clock = start_s + pass_time(planned, limits)
-        activities.append(_Activity(start_s, clock, _speeds(planned, limits)))
+        activities.append((start_s, clock, _speeds(planned, limits)))
     activities += _between(clock, plan.robot_time_s, warm_up, limits)
-    return [activity for activity in activities if activity.end_s > activity.start_s]
+    return [(start, end, speed) for start, end, speed in activities if end > start]
 
 
 def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
     """Rest, and the motion of a warm-up as far as it lies in between."""
     rest = np.zeros(0)
     if warm_up is None:
-        return [_Activity(start_s, end_s, rest)]
+        return [(start_s, end_s, rest)]
     low = min(max(warm_up.start_s, start_s), end_s)
     high = max(min(warm_up.start_s + warm_up.time_s, end_s), low)
     speeds = _speeds(planned_pass(warm_up.speed, 0, limits), limits)
-    moving = _Activity(low, high, speeds[speeds > 0])
-    return [_Activity(start_s, low, rest), moving, _Activity(high, end_s, rest)]
+    return [(start_s, low, rest), (low, high, speeds[speeds > 0]), (high, end_s, rest)]
 
 
 def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
@@ -259,10 +225,9 @@ class SimulatedFrictionRig:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
         run, number = self._run(motion), [planned.name for planned in self.motions].index(motion.name)
         model = run.plant.model
-        noise = draw_noise(
-            self.simulated.noise, run.path.n_samples, self.plan.rate_hz, model.n_u, model.inputs, (self.seed, number)
-        )
-        trajectory = run.simulated(self.simulated.controller, self.plan.rate_hz, noise)
+        n, rate_hz, seed = len(run.path.position), self.plan.rate_hz, (self.seed, number)
+        noise = draw_noise(self.simulated.noise, n, rate_hz, model.n_u, model.inputs, seed)
+        trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
         return self._record(run, trajectory, noise, self._thermometer(run, number))
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
@@ -273,22 +238,16 @@ class SimulatedFrictionRig:
         index = [joint.name for joint in self.robot.driven].index(motion.joint)
         limits = next(design.limits for design in self.plan.designs if design.joint == motion.joint)
         path = path_of(motion, limits, float(motion.configuration.angles[index]), self.plan.rate_hz)
-        plant = self._plant(motion.payload)
+        robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
+        plant = true_plant(robot, self.simulated, self.plan.rate_hz, samples)
         start = motion.configuration.moved(index, float(path.position[0]))
         point = equilibrium(plant.model, plant.model.theta, start)
         check_steps(plant, point, self.simulated.substeps, self.plan.rate_hz, "friction.rate_hz")
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
-            temperature = heat.temperature_at(motion.start_s + np.arange(path.n_samples) / self.plan.rate_hz)
+            temperature = heat.temperature_at(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz)
         return FrictionRun(motion, plant, point, index, path, temperature)
-
-    def _plant(self, payload: float) -> Plant:
-        spec = self.simulated
-        robot = true_robot(with_point_mass(self.robot, payload), spec.truth)
-        hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        samples = round(self.plan.robot_time_s * self.plan.rate_hz) if spec.compiled else 0
-        return plant_of(robot, spec.model, self.plan.rate_hz, spec.substeps, *hardware, samples)
 
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
@@ -335,7 +294,8 @@ class SimulatedFrictionRig:
     def _load_torque(self, run: FrictionRun) -> float:
         """Mean |holding torque| of the nominal robot over the plateaus: what is known, not what is true."""
         model = model_of(with_point_mass(self.robot, run.motion.payload))
-        sliding = run.path.sliding
+        windows = [window for window in (run.path.there, run.path.back) if window is not None]
+        sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])

@@ -12,12 +12,12 @@ rate, 2e-3 up to a fifth.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
@@ -189,33 +189,33 @@ def friction_of_a_run(
     The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
     coefficients that no friction law has.
     """
-    loads = loads_of(contacts, robot, point)
+    pairs = list(zip(contacts.laws, loads_of(contacts, robot, point), strict=True))
     try:
         if warming is None:
-            return _numbers([law.curve(load) for law, load in zip(contacts.laws, loads, strict=True)])
+            return np.concatenate([np.zeros(0), *(law.curve(load) for law, load in pairs)])
         n = plan.run_samples
         index = [planned.name for planned in plan.experiments].index(run.name)
         t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
         cold = np.exp(-t / warming.time_constant)
         factor = np.random.default_rng(np.random.SeedSequence((seed, index, 1))).lognormal(0.0, warming.spread)
         level = (1 + warming.amplitude * cold) * factor
-        ends = warming.temperature
-        # They change slowly: computed at a hundred moments and interpolated linearly.
-        moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
-        knots = np.array([
-            _numbers([
-                law.curve(load, None if ends is None else ends[1] + (ends[0] - ends[1]) * cold[i], level[i])
-                for law, load in zip(contacts.laws, loads, strict=True)
-            ])
-            for i in moments
-        ])  # fmt: skip
+        start, end = warming.temperature or (0.0, 0.0)
+        T = None if warming.temperature is None else end + (start - end) * cold
+
+        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
+            for i in moments:
+                yield [law.curve(load, None if T is None else T[i], level[i]) for law, load in pairs]
+
+        return drifting(curves, n)
     except ValueError as error:
         raise StudyError(f"configuration {run.configuration.name}: {error}") from None
-    return np.stack([np.interp(np.arange(n), moments, column) for column in knots.T], axis=1).reshape(n, -1)
 
 
-def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate([np.zeros(0), *curves])
+def drifting(curves: Callable[[IntArray], Iterable[Sequence[FloatArray]]], n: int) -> FloatArray:
+    """Friction coefficients (n, 9 n_f) that change slowly: straight lines between those of a hundred samples."""
+    knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
+    table = np.array([np.concatenate([np.zeros(0), *row]) for row in curves(knots)])
+    return np.array([np.interp(np.arange(n), knots, column) for column in table.T]).reshape(-1, n).T
 
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:

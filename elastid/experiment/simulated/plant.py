@@ -22,7 +22,7 @@ from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippleSpec
-from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linearise import Linearisation
@@ -90,6 +90,14 @@ def plant_of(
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples))
+
+
+def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int) -> Plant:
+    """The plant of a section `simulated`, with its truth; samples: of the whole plan."""
+    return plant_of(
+        true_robot(robot, spec.truth), spec.model, rate_hz, spec.substeps, spec.noise.encoder_counts,
+        spec.encoder_ripple, spec.torque_ripple, spec.saturation, samples if spec.compiled else 0,
+    )  # fmt: skip
 
 
 def exact_plant(

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
@@ -25,7 +24,7 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, plant_of, true_robot
+from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -35,8 +34,20 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_path, tune
+
+
+@dataclass(frozen=True)
+class _Run:
+    """An experiment on a robot: its rest, the reference and the gains of its controller, and all noise."""
+
+    experiment: Experiment
+    plant: Plant
+    point: OperatingPoint
+    given: Reference
+    gains: Gains
+    noise: Noise
 
 
 @dataclass(frozen=True)
@@ -90,16 +101,17 @@ class SimulatedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
-        plant, point, given = self._prepared(experiment)
-        noise = self._noise(experiment)
-        trajectory = self._moved(plant, point, self._gains(plant, point), given, experiment, noise, 1.0, self._end)
+        run = self._prepared(experiment)
+        plant, spec, trajectory = run.plant, self.simulated, self._moved(run, 1.0, self._end)
+        warming = None if spec.warming is None else spec.warming.temperature
+        loads = loads_of(plant.loop.contacts, plant.model.robot, run.point)
         notes = (
             *clipped(trajectory.u[self.measured], plant, experiment),
             *exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
             *opened(plant.model, trajectory),
-            *self._extrapolated(plant, point, trajectory),
+            *extrapolated(plant.loop.contacts, trajectory.q, self.plan.rate_hz, loads, warming or ()),
         )
-        return self._record(experiment, plant, point, given, trajectory, noise, notes)
+        return self._record(run, trajectory, notes)
 
     def follow(self, experiment: Experiment, robot: Robot, spec: ModelSpec = EXACT) -> Record:
         """The run of another robot under this rig's controller: its gains, its reference and its torques, no noise.
@@ -109,11 +121,9 @@ class SimulatedRig:
         """
         simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
         quiet = replace(self, spec=replace(self.spec, simulated=simulated))
-        own, rest, given = self._prepared(experiment)
         plant, point = exact_plant(robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation)
-        noise = quiet._noise(experiment)
-        trajectory = quiet._moved(plant, point, self._gains(own, rest), given, experiment, noise, 1.0, self._end)
-        return quiet._record(experiment, plant, point, given, trajectory, noise, ())
+        run = replace(self._prepared(experiment), plant=plant, point=point, noise=quiet._noise(experiment))
+        return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
 
     @property
     def _end(self) -> int:
@@ -125,26 +135,17 @@ class SimulatedRig:
         """The samples of a run in the measured periods."""
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
-    def _record(
-        self,
-        experiment: Experiment,
-        plant: Plant,
-        point: OperatingPoint,
-        given: Reference,
-        trajectory: Trajectory,
-        noise: Noise,
-        notes: tuple[Note, ...],
-    ) -> Record:
+    def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         """The log of a run."""
         plan, end, measured = self.plan, self._end, self.measured
-        setup = (plant.model, point.q, self.outputs, plan.rate_hz, plan.period_samples)
+        experiment, noise, given, robot = run.experiment, run.noise, run.given, run.plant.model.robot
+        setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
-        y = filter_motions(plant.model.robot, y, plan.rate_hz)
+        y = filter_motions(robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
-        chain = plant.model.robot.chain
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -155,91 +156,54 @@ class SimulatedRig:
             inputs=plan.inputs,
             outputs=self.outputs,
             quantities=tuple(logged_quantity(place) for place in self.outputs),
-            u=u[measured] * [chain.gain("u", place) for place in plan.inputs],
-            y=y[measured] * [chain.gain("y", place) for place in self.outputs],
+            u=u[measured] * [robot.chain.gain("u", place) for place in plan.inputs],
+            y=y[measured] * [robot.chain.gain("y", place) for place in self.outputs],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=notes,
             hold="zero-order",
             sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
 
-    def _extrapolated(self, plant: Plant, point: OperatingPoint, trajectory: Trajectory) -> tuple[Note, ...]:
-        sliding, warming = plant.loop.contacts, self.simulated.warming
-        temperatures = () if warming is None or warming.temperature is None else warming.temperature
-        loads = loads_of(sliding, plant.model.robot, point)
-        return extrapolated(sliding, trajectory.q, self.plan.rate_hz, loads, temperatures)
-
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
         """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
-        plant, point, given = self._prepared(experiment)
-        noise = self._noise(experiment)
-        gains = self._gains(plant, point)
-        trajectory = self._moved(plant, point, gains, given, experiment, noise, factor, self.plan.run_samples)
-        position = trajectory.q @ plant.model.B
+        run = self._prepared(experiment)
+        trajectory = self._moved(run, factor, self.plan.run_samples)
+        position = trajectory.q @ run.plant.model.B
         return Rehearsal(experiment, self.plan.rate_hz, self.plan.first_sample, position, trajectory.u)
 
     def _noise(self, experiment: Experiment) -> Noise:
-        plan = self.plan
-        seed = (self.seed, *_indices(plan, experiment))
+        plan, q = self.plan, [c.name for c in self.plan.configurations].index(experiment.configuration.name)
+        seed = (self.seed, q, experiment.realisation, experiment.experiment)
         return draw_noise(self.simulated.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
 
-    def _prepared(self, experiment: Experiment) -> tuple[Plant, OperatingPoint, Reference]:
-        """The true robot, its equilibrium, and the reference of its controller."""
+    def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
-        hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        samples = len(self.plan.experiments) * self.plan.run_samples if spec.compiled else 0
-        robot = true_robot(self.robot, spec.truth)
-        plant = plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples)
+        plant = true_plant(self.robot, spec, rate_hz, len(self.plan.experiments) * self.plan.run_samples)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
         check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
-        torque = feed_forward_of(plant.model)
-        return plant, point, reference(self.plan, spec.carrier, torque, experiment.configuration)
+        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), experiment.configuration)
+        loop = spec.controller
+        gains = tune(plant.model, point.q, loop.bandwidth_hz, loop.damping_ratio, loop.velocity_integral_time)
+        return _Run(experiment, plant, point, given, gains, self._noise(experiment))
 
-    def _gains(self, plant: Plant, point: OperatingPoint) -> Gains:
-        """Of the controller, which knows the inertia of this plant."""
-        spec = self.simulated.controller
-        integral_time = spec.velocity_integral_time
-        return tune(plant.model, point.q, spec.bandwidth_hz, spec.damping_ratio, integral_time)
-
-    def _moved(
-        self,
-        plant: Plant,
-        point: OperatingPoint,
-        gains: Gains,
-        given: Reference,
-        experiment: Experiment,
-        noise: Noise,
-        factor: float,
-        n: int,
-    ) -> Trajectory:
-        """The first n samples of a run, from rest where the reference begins."""
-        spec, q0 = self.simulated, point.q
-        sliding = plant.loop.contacts
-        curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment, self.seed)
+    def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
+        """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
+        plant, point, given, noise, experiment = run.plant, run.point, run.given, run.noise, run.experiment
+        robot, warming = plant.model.robot, self.simulated.warming
+        curves = friction_of_a_run(plant.loop.contacts, robot, point, warming, self.plan, experiment, self.seed)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        (start,) = rigid_path(plant.model, q0, experiment.configuration.angles, given.position[:1])
-        return _run(plant.loop, gains, commands, start, curves[:n] if curves.ndim > 1 else curves, experiment)
-
-
-def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
-    names = [configuration.name for configuration in plan.configurations]
-    return names.index(experiment.configuration.name), experiment.realisation, experiment.experiment
-
-
-def _run(
-    loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, curves: FloatArray, experiment: Experiment
-) -> Trajectory:
-    try:
-        return simulate(loop, gains, commands, q0, curves)
-    except DataError as error:
-        raise DataError(
-            f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-            f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
-            "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
-        ) from None
+        (start,) = rigid_path(plant.model, point.q, experiment.configuration.angles, given.position[:1])
+        try:
+            return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
+        except DataError as error:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
+                "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
+            ) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +18,9 @@ from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Trajectory
 from elastid.simulation.dynamics import Contacts
 
-
-@dataclass(frozen=True)
-class RunLimits:
-    """Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise."""
-
-    violation_m: float = 1e-6  # between the ends of a loop
-    clipped_share: float = 0.5  # of the measured samples, beyond which a motor cannot control the robot
-
-
-LIMITS = RunLimits()
+# Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
+MAX_VIOLATION_M = 1e-6  # between the ends of a loop
+MAX_CLIPPED_SHARE = 0.5  # of the measured samples, beyond which a motor cannot control the robot
 
 
 def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
@@ -37,7 +29,7 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
     notes = []
     for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
         unit = "N" if plant.model.robot.slides(name) else "N*m"
-        if share > LIMITS.clipped_share:
+        if share > MAX_CLIPPED_SHARE:
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
                 f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
@@ -45,14 +37,11 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
                 "with less gravity torque, or correct limits.torque"
             )
         if share > 0:
-            notes.append(
-                Note(
-                    "clipped-torque",
-                    f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured "
-                    "samples: the response is no longer linear; lower excitation.torque_rms",
-                    f"{experiment.name}, {name}",
-                )
+            text = (
+                f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured samples: "
+                "the response is no longer linear; lower excitation.torque_rms"
             )
+            notes.append(Note("clipped-torque", text, f"{experiment.name}, {name}"))
     return tuple(notes)
 
 
@@ -76,15 +65,10 @@ def torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[
 def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     """A note where the loops did not stay closed."""
     left = violation(model, trajectory.q)
-    if left <= LIMITS.violation_m:
+    if left <= MAX_VIOLATION_M:
         return ()
-    return (
-        Note(
-            "loops-opened",
-            f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
-            "experiment.simulated.substeps",
-        ),
-    )
+    text = f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
+    return (Note("loops-opened", text + "experiment.simulated.substeps"),)
 
 
 def extrapolated(
@@ -113,38 +97,25 @@ def extrapolated(
             if measured.beyond(name, lowest, highest):
                 ends = getattr(measured, name)
                 reached = lowest if lowest < ends[0] else highest
-                notes.append(
-                    Note(
-                        "friction-extrapolated",
-                        f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run "
-                        f"goes to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there",
-                        law.place,
-                    )
+                text = (
+                    f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run goes "
+                    f"to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there"
                 )
+                notes.append(Note("friction-extrapolated", text, law.place))
     return tuple(notes)
 
 
 def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
     """A note for every motor that went beyond its limits; the simulation does not clip."""
-    torque = np.abs(trajectory.u).max(axis=0)
     velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
-    speed = np.abs(velocity).max(axis=0)
+    torque, speed = np.abs(trajectory.u).max(axis=0), np.abs(velocity).max(axis=0)
     acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
     notes = []
-    for i, joint in enumerate(robot.driven):
-        for peak, limit, unit in (
-            (torque[i], joint.limits.torque, "N*m"),
-            (speed[i], joint.limits.velocity, "rad/s"),
-            (acceleration[i], joint.limits.acceleration, "rad/s^2"),
-        ):
-            unit = of_translation(unit) if joint.slides else unit
+    for joint, *peaks in zip(robot.driven, torque, speed, acceleration, strict=True):
+        limits = joint.limits.torque, joint.limits.velocity, joint.limits.acceleration
+        for peak, limit, turning in zip(peaks, limits, ("N*m", "rad/s", "rad/s^2"), strict=True):
+            unit = of_translation(turning) if joint.slides else turning
             if peak > limit:
-                notes.append(
-                    Note(
-                        "beyond-limit",
-                        f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "
-                        "lower excitation.torque_rms",
-                        f"motor {joint.name}",
-                    )
-                )
+                text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower excitation.torque_rms"
+                notes.append(Note("beyond-limit", text, f"motor {joint.name}"))
     return tuple(notes)
