@@ -82,7 +82,6 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
 def _proposed(
     spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
 ) -> tuple[Sequence[str], FloatArray]:
-    """Names and angles (Q, n_u) before anything is refused."""
     n = len(robot.driven)
     if spec.given:
         for name, given in spec.given.items():
@@ -163,7 +162,6 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
 
 
 def _remedy(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
-    """Changes that would make a candidate admissible."""
     remedies = []
     if any("floor" in reason for reason in reasons) and spec.floor is not None:
         height = (_along(skeleton(robot, angles, spec.points)) @ upwards(robot)).min(axis=1).max()

@@ -1,10 +1,4 @@
-r"""The choice of configurations and realisations: optimal shares of the candidates, rounded to whole experiments.
-
-.. math:: H_i = 2\,\mathrm{Re} \sum_k J_k^H W_k J_k
-
-at the nominal parameters, or at guesses about them, with the weights W that the fit will give to the expected responses
-(`prospect`). The shares: `optimal`.
-"""
+"""The choice of configurations and realisations: optimal shares (`optimal`), rounded to whole experiments."""
 
 from __future__ import annotations
 
@@ -140,7 +134,6 @@ def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: 
 
 
 def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray, seed: int) -> float:
-    """Median of the criterion over random choices of as many candidates."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x4D,)))
     Q = H.shape[1]
     values = [

@@ -39,18 +39,10 @@ from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 
-@dataclass(frozen=True)
-class Stiffening:
-    """The springs of a configuration: sigma (n_s,), rms deflection in the run that has most; change k_eq / k_t - 1."""
-
-    configuration: str
-    joints: tuple[str, ...]
-    sigma: FloatArray
-    change: FloatArray
-
-
-def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
-    """The effect of a plan on the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
+def _stiffening(
+    prospect: Prospect, configuration: Configuration, x: FloatArray
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """The sprung joints, sigma (n_s,) in the run that has most, and k_eq / k_t - 1; StudyError without equilibrium."""
     model = prospect.linearisation.model
     theta = prospect.parameters.expand(x)[:-1]
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
@@ -60,27 +52,25 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     tangent = _tangents(model, load.joints)
     at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
-    k_eq = weights @ at_nodes / weights.sum()
-    return Stiffening(configuration.name, load.joints, sigma, k_eq / load.tangent - 1)
+    return load.joints, sigma, weights @ at_nodes / weights.sum() / load.tangent - 1
 
 
 def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
     """A note for each spring that the planned amplitude changes by more than LIMITS.stiffness_change; x (n_x,)."""
-    joints = prospects[0].robot.joints
-    if all(joint.spring is None or joint.spring.is_linear for joint in joints):
+    units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
+    if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
         return ()
-    springs = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
-    units = {joint.name: joint.unit for joint in joints}
+    springs = [_stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
     notes = []
-    for i, joint in enumerate(springs[0].joints):
-        worst = max(springs, key=lambda spring: abs(spring.change[i]))
-        change = float(worst.change[i])
+    for i, joint in enumerate(springs[0][0]):
+        q = max(range(len(points)), key=lambda q: abs(springs[q][2][i]))
+        sigma, change = float(springs[q][1][i]), float(springs[q][2][i])
         if abs(change) <= LIMITS.stiffness_change:
             continue
         text = (
-            f"the multisine deflects its spring by {worst.sigma[i]:.2g} {units[joint]} rms in {worst.configuration}, "
-            f"which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the "
-            "model, and biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
+            f"the multisine deflects its spring by {sigma:.2g} {units[joint]} rms in {points[q].name}, which makes it "
+            f"{abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the model, and "
+            "biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
             f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
         )
         notes.append(Note("stiffened-spring", text, f"joint {joint}"))
@@ -224,7 +214,6 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
 
 
 def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tuple[Prospect, int, FloatArray]:
-    """A prospect, the count, and the information of given configurations, earlier measurements and priors."""
     problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
@@ -236,7 +225,6 @@ def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tu
 
 
 def _shared_lines(plan: Plan) -> tuple[Note, ...]:
-    """A note where fewer experiments than inputs are run."""
     E, n_u = plan.R.shape[2], len(plan.inputs)
     if n_u <= E:
         return ()

@@ -135,7 +135,6 @@ def design_friction(
 def _planned(
     spec: FrictionSpec, joint: Joint, experiment: ExperimentSpec, robot: Robot, seed: tuple[int, int], start_s: float
 ) -> FrictionPlan:
-    """The experiments on one joint, from start_s on."""
     controller, passes = experiment.as_simulated().controller, spec.designed_passes
     loads = spec.loads or (LoadSpec(""),)
     postures = [_posture(experiment, robot, load.configuration) for load in loads]
@@ -165,7 +164,6 @@ def _planned(
 
 
 def _check_law(spec: FrictionSpec) -> None:
-    """StudyError for a part of the law without the conditions or the experiment that it needs."""
     if spec.law.presliding == "lugre" and spec.presliding is not None:
         raise StudyError(
             "friction.law.presliding: lugre, and slow loops (friction.presliding) do not identify the damping of "
@@ -194,7 +192,6 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 
 def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
-    """The speeds of the passes and how many at each; StudyError for a range without room."""
     passes, unit = spec.designed_passes, axis.limits.unit
     lowest, highest = passes.speeds or (axis.slowest, axis.fastest)
     try:
@@ -212,7 +209,6 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
 
 
 def _known(axis: Axis, design: JointPassDesign) -> str:
-    """The design of the passes of a joint in a sentence."""
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (
@@ -223,7 +219,6 @@ def _known(axis: Axis, design: JointPassDesign) -> str:
 
 
 def _unknown(spec: FrictionSpec, axis: Axis, design: JointPassDesign) -> list[str]:
-    """Parts of the law that the levels will not identify, and experiments that would."""
     nu_s, unknown = axis.guess.stribeck_velocity, []
     if len(design.speed) < MIN_SPEEDS:
         unknown.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")

@@ -68,7 +68,6 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
-    """The name of the run that comes closest to a limit (Q, 5, n_u)."""
     index = {c.name: q for q, c in enumerate(plan.configurations)}
     return max(plan.experiments, key=lambda e: float((runs[e.name] / limit[index[e.configuration.name]]).max())).name
 
@@ -173,7 +172,6 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, margin: float) -> None:
-    """StudyError where gravity, friction and movement alone need more of a limit than the margin leaves."""
     used = base / limit
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:
@@ -219,7 +217,6 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
 
 
 def _check_ends(plan: Plan, room: FloatArray) -> None:
-    """StudyError where a motor has endless room (5, n_u)."""
     endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
     if endless:
         raise StudyError(

@@ -250,7 +250,6 @@ def _exchanged(
 
 
 def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
-    """The candidate that adds most to information `rest` (S, p), and the value with it."""
     # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
     slope = criterion.slope(unpack(rest + packed[:, leaves] / 2))
     g = _gains(packed, slope)

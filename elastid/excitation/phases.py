@@ -11,6 +11,7 @@ the nonlinear distortions where averaging removes them; Schroeder's and Newman's
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -63,7 +64,7 @@ def hadamard(n: int) -> FloatArray:
     """
     if n == 1:
         return np.ones((1, 1))
-    if n % 4 == 0 and _is_prime(n - 1):
+    if n % 4 == 0 and all((n - 1) % d for d in range(2, math.isqrt(n - 1) + 1)):
         return _paley(n - 1)
     if n == 2 or n % 8 == 0:
         half = hadamard(n // 2)
@@ -92,10 +93,6 @@ def with_phases(
     Input i has, over the experiments, the RMS amplitude A_ki; sum_e U_ei conj(U_ej) = 0 for i != j.
     """
     return np.asarray(basis * (amplitude * np.exp(1j * phases_in)) * np.exp(1j * phases_ex.T)[:, :, None])
-
-
-def _is_prime(n: int) -> bool:
-    return n > 1 and all(n % d for d in range(2, int(n**0.5) + 1))
 
 
 # p, samples per cycle of the highest line, iterations at most.

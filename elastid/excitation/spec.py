@@ -85,7 +85,6 @@ class MultisineSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check the band against the rate, the period against the rate, amplitudes against zero."""
         samples = self.period * self.rate_hz
         for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
             if not number > 0:

@@ -256,12 +256,9 @@ class FrictionRig(Protocol):
     @property
     def motions(self) -> tuple[PlannedMotion, ...]:
         """All motions that it can run."""
-        ...
 
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Run one motion; the same motion gives the same record, bit for bit."""
-        ...
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
         """The logs of warm-ups, one a joint that was warmed."""
-        ...

@@ -41,11 +41,6 @@ class Movement:
     acceleration: FloatArray
     scale: FloatArray
 
-    @property
-    def first(self) -> Movement:
-        """The first sample alone."""
-        return Movement(self.position[:1], self.velocity[:1], self.acceleration[:1], self.scale[:1])
-
 
 def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
     """The movement of every run of a plan, from standstill to standstill at the controller's rate."""
@@ -148,7 +143,6 @@ def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan)
 
 
 def _time(plan: Plan) -> FloatArray:
-    """Time (n,) in s from the start of the first period."""
     return np.asarray((np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz)
 
 
@@ -183,8 +177,9 @@ def reference(
 ) -> Reference:
     """The reference of one configuration."""
     path = movement(carrier, plan)
+    signals = path.position, path.velocity, path.acceleration, path.scale
     # At rest all samples are the same.
-    torque = feed_forward(configuration, path if carrier is not None else path.first)
+    torque = feed_forward(configuration, path if carrier is not None else Movement(*(x[:1] for x in signals)))
     return Reference(
         configuration,
         plan.rate_hz,

@@ -176,7 +176,6 @@ class Plan:
     sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the shape of R."""
         Q, _, _, F, n_u = self.R.shape
         if (Q, F, n_u) != (len(self.configurations), len(self.lines), len(self.inputs)):
             raise ValueError(f"R has shape {self.R.shape}; it does not fit configurations, lines and inputs")
@@ -304,8 +303,6 @@ class Rig(Protocol):
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All experiments that it can run."""
-        ...
 
     def measure(self, experiment: Experiment) -> Record:
         """Run one experiment; the same experiment gives the same record, bit for bit."""
-        ...

@@ -159,7 +159,6 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> Joi
 
 
 def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
-    """The activities of a joint, without gaps from the start of the plan to its end."""
     limits = next(design.limits for design in plan.designs if design.joint == joint)
     passes = [(m.start_s, m.planned) for m in plan.motions if m.joint == joint and m.planned is not None]
     warm_up = next((warm_up for warm_up in plan.warm_ups if warm_up.joint == joint), None)
@@ -173,7 +172,6 @@ def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
 
 
 def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
-    """Rest, and the motion of a warm-up as far as it lies in between."""
     rest = np.zeros(0)
     if warm_up is None:
         return [(start_s, end_s, rest)]
@@ -184,7 +182,6 @@ def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits
 
 
 def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
-    """Quantiles of |velocity| over a pass, pauses included."""
     velocity = np.abs(pass_reference(planned, limits, 100.0).velocity)
     return np.quantile(velocity, (np.arange(16) + 0.5) / 16)
 
@@ -203,7 +200,6 @@ class SimulatedFrictionRig:
     seed: int
 
     def __post_init__(self) -> None:
-        """Check truth and heat."""
         true_robot(self.robot, self.simulated.truth)
         if self.plan.warm_ups and self.simulated.heat is None:
             raise StudyError(
@@ -252,7 +248,6 @@ class SimulatedFrictionRig:
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
-        """The log; of a periodic torque without its first period, in which it settles."""
         motion, path, i = run.motion, run.path, run.index
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned

@@ -120,7 +120,6 @@ def exact_plant(
 
 
 def _least_substeps(rate: float, rate_hz: float) -> int:
-    """Runge-Kutta steps in a sample for a pole of `rate` 1/s."""
     return max(1, math.ceil(rate / rate_hz / MAX_STEP_RATE))
 
 

@@ -70,7 +70,6 @@ class SimulatedRig:
     seed: int
 
     def __post_init__(self) -> None:
-        """Check plan, robot and section against each other."""
         true_robot(self.robot, self.simulated.truth)
         if self.plan.inputs != self.robot.motor_locations:
             raise StudyError(
@@ -136,7 +135,6 @@ class SimulatedRig:
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
-        """The log of a run."""
         plan, end, measured = self.plan, self._end, self.measured
         experiment, noise, given, robot = run.experiment, run.noise, run.given, run.plant.model.robot
         setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)

@@ -78,7 +78,6 @@ class ChannelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check that role and quantity agree."""
         if self.file < 1:
             raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
         if not self.channel and self.column is None:

@@ -35,7 +35,6 @@ class CascadeSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse gains that do not hold a joint."""
         for name in ("position_gain", "velocity_gain"):
             value = getattr(self, name)
             numbers = value if isinstance(value, tuple) else (value,)
@@ -116,7 +115,6 @@ class FileSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """At most one period; a speed is positive."""
         _check_period(self.period, self.period_samples)
         if self.speed is not None and not self.speed > 0:
             raise ValueError(f"speed is {self.speed:g}; it must be positive: passes go there and back")
@@ -162,7 +160,6 @@ class RecordedSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One period at most; at least one input and one output."""
         check_rate(self.rate_hz)
         self._check_files_and_rates()
         _check_period(self.period, self.period_samples)

@@ -42,7 +42,6 @@ class ResponseColumnsSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """A magnitude needs its phase."""
         if bool(self.magnitude) != bool(self.phase):
             raise ValueError("give magnitude and phase together; without the phase nothing can be fitted")
 
@@ -92,7 +91,6 @@ class ResponsesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """At least one file; inputs and outputs, or no channels at all."""
         if not self.files:
             raise ValueError("files is empty; list at least one file")
         check_rate(self.rate_hz)
