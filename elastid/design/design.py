@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -166,20 +167,16 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     probe = problem.probe(problem.experiment)
     before = np.zeros(len(problem.robot.driven))
     for _ in range(20):
-        d = np.mean(_equivalent_damping(damped, probe, damped.parameters.x), axis=0)
+        damping = partial(_equivalent_damping, damped, probe)
+        d = np.mean(damped.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
         if np.all(np.abs(d - before) <= 0.01 * d):
             break
         damped, before = _with_damping(problem, d), d
     return damped
 
 
-def _equivalent_damping(problem: DesignProblem, probe: Plan, x: FloatArray) -> list[FloatArray]:
-    """Damping (n_u,) by Coulomb friction in each configuration of a plan, but for candidates without equilibrium."""
-
-    def damping(q: int, configuration: Configuration) -> FloatArray:
-        return problem.prospect(probe, q).equivalent_damping(configuration, x)
-
-    return problem.at_equilibria(probe, damping, problem.experiment.configurations)
+def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:
+    return problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x)
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
@@ -228,11 +225,9 @@ def _shared_lines(plan: Plan) -> tuple[Note, ...]:
     E, n_u = plan.R.shape[2], len(plan.inputs)
     if n_u <= E:
         return ()
-    return (
-        Note(
-            "approximate-forecast",
-            f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
-            "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is "
-            "not counted",
-        ),
+    text = (
+        f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
+        "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
+        "counted"
     )
+    return (Note("approximate-forecast", text),)

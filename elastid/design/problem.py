@@ -177,11 +177,9 @@ class DesignProblem:
         variance = None
         if self.like:
             variance = variance_like(self.like, plan.freq_hz, self.outputs, plan.inputs) * self.experiment.realisations
-        return Prospect(
-            self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated, spec,
-            variance, own, self.experiment.realisations, one_period(self.simulated.carrier, plan),
-            self.friction_is_left,
-        )  # fmt: skip
+        fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
+        velocity, M = one_period(self.simulated.carrier, plan), self.experiment.realisations
+        return Prospect(*fixed, spec, variance, own, M, velocity, self.friction_is_left)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -219,19 +219,14 @@ def drifting(curves: Callable[[IntArray], Iterable[Sequence[FloatArray]]], n: in
 
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
-    """The load in Nm, link side, on each contact at an operating point."""
-    return [_load(robot, law.place, point) for law in contacts.laws]
-
-
-def _load(robot: Robot, place: str, point: OperatingPoint) -> float:
-    """Load in Nm on friction at a place: the holding torque of a driven joint, the spring's of another."""
-    name = place.split(" ", 1)[1]
-    driven = [joint.name for joint in robot.driven]
-    if name in driven:
-        return float(abs(point.u[driven.index(name)]))
-    index = [joint.name for joint in robot.joints].index(name)
-    spring = robot.joints[index].spring
-    return 0.0 if spring is None else float(abs(spring.stiffness * point.q[index]))
+    """The load in Nm, link side, on each contact: the holding torque of a driven joint, the spring's of another."""
+    driven, loads = [joint.name for joint in robot.driven], list[float]()
+    for law in contacts.laws:
+        name = law.place.split(" ", 1)[1]
+        index, joint = next((i, joint) for i, joint in enumerate(robot.joints) if joint.name == name)
+        held = 0.0 if joint.spring is None else joint.spring.stiffness * point.q[index]
+        loads.append(float(abs(point.u[driven.index(name)] if name in driven else held)))
+    return loads
 
 
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:

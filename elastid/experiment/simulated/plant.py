@@ -94,10 +94,9 @@ def plant_of(
 
 def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int) -> Plant:
     """The plant of a section `simulated`, with its truth; samples: of the whole plan."""
-    return plant_of(
-        true_robot(robot, spec.truth), spec.model, rate_hz, spec.substeps, spec.noise.encoder_counts,
-        spec.encoder_ripple, spec.torque_ripple, spec.saturation, samples if spec.compiled else 0,
-    )  # fmt: skip
+    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
+    robot = true_robot(robot, spec.truth)
+    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples if spec.compiled else 0)
 
 
 def exact_plant(

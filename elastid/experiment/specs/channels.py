@@ -211,7 +211,13 @@ def input_units(channels: Iterable[ChannelSpec], places: Places) -> tuple[str, .
 def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], places: Places) -> tuple[str, str]:
     """The key of a channel that does not go with a robot, or with none, and why; empty texts where all do."""
     if isinstance(places, Robot):
-        return _robot_refusal(channel)
+        if channel.quantity == "voltage":
+            return "quantity", (
+                "a voltage is not known as a torque of the robot; give the torque or the current that was logged, or "
+                "drop robot for a study of responses alone"
+            )
+        needed = "a current needs torque_constant (N*m/A) to become a torque"
+        return ("quantity", needed) if channel.drive else ("", "")
     if not channel.at.strip():
         return "at", "the place has no name; give one, for example tip x"
     if channel.side == "motor":
@@ -231,17 +237,6 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
             f"{channel.name_in_file} translates at '{channel.at}', {turning_too[0].name_in_file} turns there; give one "
             f"of the two places another name, for example {channel.at} rotation"
         )
-    return "", ""
-
-
-def _robot_refusal(channel: ChannelSpec) -> tuple[str, str]:
-    if channel.quantity == "voltage":
-        return "quantity", (
-            "a voltage is not known as a torque of the robot; give the torque or the current that was logged, or drop "
-            "robot for a study of responses alone"
-        )
-    if channel.drive:
-        return "quantity", "a current needs torque_constant (N*m/A) to become a torque"
     return "", ""
 
 
