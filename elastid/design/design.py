@@ -26,7 +26,7 @@ from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count
 from elastid.design.limits import nearest_run, within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, period_options, robot_time_refusal, room
+from elastid.design.spec import DesignSpec, robot_time_refusal, room
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
@@ -88,18 +88,17 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     # Friction holds shafts, which gears may couple.
     power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
-    motors = zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True)
-    return tuple(
-        Note(
-            "sticking-motor",
-            f"its Coulomb friction ({coulomb:.3g} {drive_unit(joint.slides)}) is more than a third of its rms torque "
-            f"({torque:.3g} {drive_unit(joint.slides)}): the joint sticks, and friction looks like stiffness; raise "
-            "excitation.torque_rms or add experiment.simulated.carrier",
-            f"motor {joint.name}",
-        )
-        for joint, torque, coulomb in motors
-        if coulomb > LIMITS.coulomb_ratio * torque
-    )
+    notes = []
+    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
+        if coulomb > LIMITS.coulomb_ratio * torque:
+            unit = drive_unit(joint.slides)
+            text = (
+                f"its Coulomb friction ({coulomb:.3g} {unit}) is more than a third of its rms torque ({torque:.3g} "
+                f"{unit}): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms or add "
+                "experiment.simulated.carrier"
+            )
+            notes.append(Note("sticking-motor", text, f"motor {joint.name}"))
+    return tuple(notes)
 
 
 def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
@@ -197,8 +196,8 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
     sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
     if refusal := robot_time_refusal(*sections):
         raise StudyError(f"design.robot_time: {refusal}")
-    options = [periods for periods in period_options(spec, problem.experiment) if room(*sections, periods) >= 1]
-    tasks = [_task(problem, periods, room(*sections, periods), x) for periods in options]
+    counts = {periods: room(*sections, periods) for periods in spec.periods or (problem.experiment.periods,)}
+    tasks = [_task(problem, periods, count, x) for periods, count in counts.items() if count >= 1]
     criterion, n = problem.criterion, len(candidates.configurations)
     if spec.count is not None and n < spec.count:
         raise StudyError(

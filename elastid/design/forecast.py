@@ -181,12 +181,9 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
 
 def _correlated(found: Forecast) -> list[Note]:
     names, correlation = found.parameters, np.triu(np.nan_to_num(found.correlation), 1)
+    text = "{} and {} can barely be distinguished: their estimates will have a correlation of {:.3f}"
     return [
-        Note(
-            "correlated-parameters",
-            f"{names[i]} and {names[j]} can barely be distinguished: their estimates will have a correlation of "
-            f"{correlation[i, j]:.3f}",
-        )
+        Note("correlated-parameters", text.format(names[i], names[j], correlation[i, j]))
         for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)
     ]
 

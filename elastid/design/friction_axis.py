@@ -61,8 +61,7 @@ class StribeckGuess:
 class PassSpeeds:
     """speed (n,), lowest first, with the number of passes there and back at each, passes (n,).
 
-    excess: max Tr(M^-1 H_i) / d - 1 of the shares before they were rounded: 0 at the optimum.  efficiency: of the whole
-    passes against the best shares, (det M / det M*)^(1 / d).
+    excess: of the shares before they were rounded.  efficiency: of the whole passes, (det M / det M*)^(1 / d).
     """
 
     speed: FloatArray

@@ -251,13 +251,9 @@ def _rehearse(
 
 
 def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[Note, ...]:
+    text = "excitation.torque_rms was lowered to {:.1%}, so that {:.0%} of every limit stays free in the rehearsal"
     return tuple(
-        Note(
-            "torque-lowered",
-            f"excitation.torque_rms was lowered to {f[0]:.1%}, so that {margin:.0%} of every limit "
-            "stays free in the rehearsal",
-            f"configuration {c.name}",
-        )
+        Note("torque-lowered", text.format(f[0], margin), f"configuration {c.name}")
         for c, f in zip(plan.configurations, factor, strict=True)
         if f[0] < 1
     )

@@ -11,8 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.design.candidates import Candidates, draw_candidates
-from elastid.design.choice import visible
+from elastid.design.choice import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion
 from elastid.design.optimal_powers import best_powers, even_powers

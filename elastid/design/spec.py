@@ -198,14 +198,9 @@ def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec
     return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)
 
 
-def period_options(spec: DesignSpec, experiment: ExperimentSpec) -> tuple[int, ...]:
-    """The numbers of periods that a design chooses from."""
-    return spec.periods or (experiment.periods,)
-
-
 def robot_time_refusal(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> str:
     """A sentence where the robot time leaves no room for any configuration; an empty text where it does."""
-    options = period_options(spec, experiment)
+    options = spec.periods or (experiment.periods,)
     if any(room(spec, excitation, experiment, n_u, periods) >= 1 for periods in options):
         return ""
     given, shortest = len(experiment.configurations), unit_time_s(excitation, experiment, n_u, min(options))

@@ -65,7 +65,13 @@ def hadamard(n: int) -> FloatArray:
     if n == 1:
         return np.ones((1, 1))
     if n % 4 == 0 and all((n - 1) % d for d in range(2, math.isqrt(n - 1) + 1)):
-        return _paley(n - 1)
+        # From the squares modulo a prime q = 3 (mod 4).
+        q = n - 1
+        residue = np.where(np.isin(np.arange(q), np.arange(1, q) ** 2 % q), 1.0, -1.0)
+        residue[0] = 0.0
+        Q = residue[(np.arange(q)[:, None] - np.arange(q)) % q]
+        S = np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]])
+        return np.asarray(np.eye(n) + S)
     if n == 2 or n % 8 == 0:
         half = hadamard(n // 2)
         return np.block([[half, half], [half, -half]])
@@ -73,16 +79,6 @@ def hadamard(n: int) -> FloatArray:
         f"no Hadamard matrix for {n} inputs is known here (there are those for 1, 2, 4, 8, 12, 16, 20 and 24); take "
         "orthogonal: dft"
     )
-
-
-def _paley(q: int) -> FloatArray:
-    """H (q + 1, q + 1) = I + S from the squares modulo a prime q = 3 (mod 4)."""
-    square = np.isin(np.arange(q), np.arange(1, q) ** 2 % q)
-    residue = np.where(square, 1.0, -1.0)
-    residue[0] = 0.0
-    Q = residue[(np.arange(q)[:, None] - np.arange(q)) % q]
-    S = np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]])
-    return np.asarray(np.eye(q + 1) + S)
 
 
 def with_phases(

@@ -57,10 +57,9 @@ def torque_spectra(
 ) -> ComplexArray:
     """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
-    spectrum (F, n_u): amplitudes in Nm that a design has found (`flat: information`; until then flat in torque).
-    closed_loop: needed where anything but the torque is to be flat or compressed.  With torque_rms: limits every motor
-    has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines than inputs are excited,
-    realisations would all be the same, or closed_loop is missing.
+    spectrum, closed_loop: as `make_plan` takes them.  Flat in torque until `flat: information` has its spectrum; with
+    torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines
+    than inputs are excited, realisations would all be the same, or closed_loop is missing.
     """
     inputs = robot.motor_locations
     if refused := line_count_refusal(len(lines), len(inputs), "motors"):

@@ -43,14 +43,6 @@ from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import feed_forward, tune
 
 
-def path_of(motion: PlannedMotion, limits: PassLimits, angle: float, rate_hz: float) -> PassReference:
-    """The path of a planned motion; angle: at which the joint stands under a torque."""
-    if motion.planned is not None:
-        return pass_reference(motion.planned, limits, rate_hz)
-    still = np.zeros(1 if motion.torque is None else len(motion.torque))
-    return PassReference(rate_hz, still + angle, still, still)
-
-
 @dataclass(frozen=True)
 class FrictionRun:
     """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
@@ -233,7 +225,11 @@ class SimulatedFrictionRig:
     def _run(self, motion: PlannedMotion) -> FrictionRun:
         index = [joint.name for joint in self.robot.driven].index(motion.joint)
         limits = next(design.limits for design in self.plan.designs if design.joint == motion.joint)
-        path = path_of(motion, limits, float(motion.configuration.angles[index]), self.plan.rate_hz)
+        if motion.planned is not None:
+            path = pass_reference(motion.planned, limits, self.plan.rate_hz)
+        else:
+            still = np.zeros(1 if motion.torque is None else len(motion.torque))
+            path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
         plant = true_plant(robot, self.simulated, self.plan.rate_hz, samples)
         start = motion.configuration.moved(index, float(path.position[0]))

@@ -10,8 +10,7 @@ from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.recorded import RecordedSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 
 # More are taken for a typing error.

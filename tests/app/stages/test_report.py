@@ -12,7 +12,7 @@ from elastid.app.cli import run_command
 from elastid.app.scaffold import TRUTH
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.structure import shake, true_modes
-from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store.measured import read_responses
 from elastid.study import load
