@@ -184,11 +184,27 @@ def _remedy(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequ
 
 @dataclass(frozen=True)
 class Choice:
-    """chosen: measured in addition to the configurations given.  periods: of each experiment."""
+    """chosen: measured in addition to the configurations given.  periods: of each experiment.
+
+    efficiency: of the whole experiments, relative to the best possible shares.  than_random: expected mean standard
+    deviation of the median random choice, relative to that of this one.  n_candidates: admissible ones.
+    """
 
     chosen: tuple[ChosenConfiguration, ...]
     periods: int
-    sentence: str
+    efficiency: float
+    than_random: float
+    n_candidates: int
+
+    @property
+    def sentence(self) -> str:
+        """The choice in a sentence."""
+        names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
+        return (
+            f"chosen among {self.n_candidates} candidates: {names}, {self.periods} periods each; "
+            f"{100 * self.efficiency:.1f} % of the best possible allocation, standard deviations "
+            f"{self.than_random:.2f} times smaller in the mean than for the median of random choices"
+        )
 
 
 def choose_configurations(
@@ -215,17 +231,9 @@ def choose_configurations(
         numbers = whole_experiments(H, shares.weights, count, seen, known)
         value = _value(H, numbers, seen, known)
         efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
-        # The expected mean standard deviation of the median random choice, relative to that of this one.
         than_random = math.exp((value - _random_value(H, count, seen, known, seed)) / 2)
         chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-        periods = prospect.plan.periods
-        names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
-        sentence = (
-            f"chosen among {len(rows)} candidates: {names}, {periods} periods each; {100 * efficiency:.1f} % of the "
-            f"best possible allocation, standard deviations {than_random:.2f} times smaller in the mean than for the "
-            "median of random choices"
-        )
-        choices.append((value, Choice(chosen, periods, sentence)))
+        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, than_random, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 

@@ -28,7 +28,6 @@ from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Configuration
-from elastid.robot import Robot
 
 
 def nearest_run(rig: SimulatedRig, name: str) -> Rehearsal:
@@ -167,24 +166,19 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     limit = np.array([limits_of(rig, c) for c in plan.configurations])
     first = {e.configuration.name: e for e in reversed(plan.experiments)}
     base = np.array([peaks_of_movement(rig, first[c.name]) for c in plan.configurations])
-    _check_room(plan, rig.robot, base, limit, margin)
-    return limit, base
-
-
-def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, margin: float) -> None:
     used = base / limit
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:
-        return
+        return limit, base
     advice = {
         "torque": "move the configuration, or correct limits.torque",
         "position": "move the configuration away from the end of the joint, or make the carrier smaller",
         "turning back": "raise the carrier's velocity well above the disturbances by friction and ramps",
     }.get(QUANTITIES[kind], "make the carrier slower, or the ramp longer")
-    unit = unit_of(int(kind), robot.driven[i].slides)
+    unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
         f"configuration {plan.configurations[q].name}: no excitation fits into the limits of joint "
-        f"{robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
+        f"{rig.robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
         f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
         f"{margin:.0%} free; {advice}"
     )

@@ -93,9 +93,6 @@ class DesignCriterion:
             scale = scale * (variances.max(axis=1) / (share * variances).sum(axis=1))[:, None]
         XV = X @ V
         gradient = (XV * scale[:, None, :]) @ np.swapaxes(XV, 1, 2)
-        return self._together(phi, soft, gradient)
-
-    def _together(self, phi: FloatArray, soft: FloatArray, gradient: FloatArray) -> CriterionValue:
         if self.over == "mean" or len(phi) == 1:
             weight = np.full(len(phi), 1 / len(phi))
             return CriterionValue(float(phi.mean()), float(soft.mean()), 0.0, weight[:, None, None] * gradient)

@@ -239,14 +239,14 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
     """
     if problem.excitation.flat != "information":
         return problem
-    probe = problem.probe(problem.experiment)
+    probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
 
     def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
         prospect = problem.prospect(probe, q)
         for x in problem.guesses:
             prospect.expected(configuration, x)
         single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
-        return (prospect, configuration, probe.realisations[q]), _costs(problem, single, torque_rms)
+        return (prospect, configuration, probe.realisations[q]), power_costs(problem.rig(single), excitation)
 
     measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
     return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
@@ -265,7 +265,8 @@ def best_spectra_of(
     fitted = problem.fitted(plan)
     names = [configuration.name for _, configuration, _ in fitted]
     rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
-    best = _best(problem, fitted, _costs(problem, plan, torque_rms)[rows])
+    costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
+    best = _best(problem, fitted, costs[rows])
     return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
 
 
@@ -293,7 +294,3 @@ def _best(
     cost = cost.mean(axis=0, keepdims=True) if together else cost
     best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))
-
-
-def _costs(problem: DesignProblem, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
-    return power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))

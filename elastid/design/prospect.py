@@ -54,14 +54,9 @@ class ExpectedResponse:
     parameters: ParameterSet
     fit: FitSpec
 
-    @property
-    def problem(self) -> ElasticFit:
-        """The fit of this response alone."""
-        return expected_fit([self])
-
     def information(self, x: FloatArray) -> FloatArray:
         r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
-        fit = self.problem
+        fit = expected_fit([self])
         return np.asarray(fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2))
 
 
@@ -186,7 +181,7 @@ class Prospect:
         expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
-        ((_, J),) = expected.problem.blocks(x)
+        ((_, J),) = expected_fit([expected]).blocks(x)
         used = expected.weights.used
         if not np.all(error > 0):
             raise StudyError(

@@ -180,16 +180,9 @@ def reference(
     signals = path.position, path.velocity, path.acceleration, path.scale
     # At rest all samples are the same.
     torque = feed_forward(configuration, path if carrier is not None else Movement(*(x[:1] for x in signals)))
-    return Reference(
-        configuration,
-        plan.rate_hz,
-        plan.first_sample,
-        configuration.angles + path.position,
-        path.velocity,
-        path.acceleration,
-        np.broadcast_to(torque, path.position.shape),
-        path.scale,
-    )
+    position, torque = configuration.angles + path.position, np.broadcast_to(torque, path.position.shape)
+    timing = plan.rate_hz, plan.first_sample
+    return Reference(configuration, *timing, position, path.velocity, path.acceleration, torque, path.scale)
 
 
 @frozen_value

@@ -1,8 +1,7 @@
 """The simulated rig of a friction study: one joint of the true robot moves in closed loop, the others are held.
 
 Passes follow their reference; loops and multisines at rest are torques under a loop so slow that friction alone holds
-the joint. Load and temperature change the friction along a motion; the temperature of a joint follows from all that it
-did before (`heat_of`), so that motions can be measured in any order and in any process.
+the joint. Motions can be measured in any order and in any process: `heat_of` has all that a joint did before.
 """
 
 from __future__ import annotations
