@@ -298,11 +298,8 @@ def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: 
 def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray, seed: int) -> float:
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x4D,)))
     Q = H.shape[1]
-    values = [
-        _value(H, np.bincount(draw.choice(Q, count, replace=count > Q), minlength=Q), criterion, known)
-        for _ in range(100)
-    ]
-    return float(np.median(values))
+    draws = (draw.choice(Q, count, replace=count > Q) for _ in range(100))
+    return float(np.median([_value(H, np.bincount(drawn, minlength=Q), criterion, known) for drawn in draws]))
 
 
 def _named(

@@ -27,9 +27,8 @@ from elastid.experiment.plan.friction import (
     pass_time,
     planned_pass,
 )
-from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, loads_of
+from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, extrapolated, loads_of
 from elastid.experiment.simulated.plant import Plant, check_steps, model_of, true_plant, true_robot
-from elastid.experiment.simulated.run_notes import extrapolated, torque_notes
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
@@ -244,6 +243,13 @@ class SimulatedFrictionRig:
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
         motion, path, i = run.motion, run.path, run.index
+        contacts, T = run.plant.loop.contacts, run.temperature
+        loads = loads_of(contacts, run.plant.model.robot, run.point)
+        temperatures = () if T is None else (float(T.min()), float(T.max()))
+        notes = (
+            *_torque_notes(trajectory.u[:, i], run.plant, i, motion.name),
+            *extrapolated(contacts, trajectory.q, self.plan.rate_hz, loads, temperatures),
+        )
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned
         return FrictionRecord(
@@ -269,16 +275,7 @@ class SimulatedFrictionRig:
             is_warm_up=motion.is_warm_up,
             place=motion.name,
             slides=self.robot.driven[i].slides,
-            notes=self._notes(run, trajectory),
-        )
-
-    def _notes(self, run: FrictionRun, trajectory: Trajectory) -> tuple[Note, ...]:
-        contacts, T = run.plant.loop.contacts, run.temperature
-        loads = loads_of(contacts, run.plant.model.robot, run.point)
-        temperatures = () if T is None else (float(T.min()), float(T.max()))
-        return (
-            *torque_notes(trajectory.u[:, run.index], run.plant, run.index, run.motion.name),
-            *extrapolated(contacts, trajectory.q, self.plan.rate_hz, loads, temperatures),
+            notes=notes,
         )
 
     def _load_torque(self, run: FrictionRun) -> float:
@@ -319,3 +316,20 @@ class SimulatedFrictionRig:
             spec.ambient,
             float(heat.temperature[places[0]]),
         )
+
+
+def _torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[Note, ...]:
+    """A note where the torque u (n,) of the motor that a friction study moves was clipped, or beyond its limit."""
+    joint, drive = plant.model.robot.driven[index], float(plant.loop.drives.torque[index])
+    unit, peak, limit = "N" if joint.slides else "N*m", float(np.abs(u).max()), joint.limits.torque
+    if peak >= drive:
+        share = float(np.mean(np.abs(u) >= drive))
+        text = (
+            f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples: its level is "
+            "not that of friction; lower the highest speed, or choose a posture with less gravity torque"
+        )
+        return (Note("clipped-torque", text, f"{motion}, motor {joint.name}"),)
+    if peak > limit:
+        text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower the highest speed"
+        return (Note("beyond-limit", text, f"{motion}, motor {joint.name}"),)
+    return ()

@@ -10,13 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
+from elastid.base.units import of_translation
 from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,
+    extrapolated,
     filter_motions,
     friction_of_a_run,
     loads_of,
@@ -25,17 +28,22 @@ from elastid.experiment.simulated.hardware import (
     sense_movement,
 )
 from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, true_plant, true_robot
-from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
+from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_path, tune
+
+# Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
+MAX_VIOLATION_M = 1e-6  # between the ends of a loop
+MAX_CLIPPED_SHARE = 0.5  # of the measured samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True)
@@ -56,12 +64,9 @@ class SimulatedRig:
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: commanded torques as logged, held from sample to sample.  y: positions, of a motor as its encoder reads it, of a
-    body as its (small) angle from the equilibrium; accelerations of points (`sensors`).  Under a
-    carrier of constant velocity both are about the planned movement, which does not repeat: its angles, accelerations
-    and torque are taken out of the log.
-
-    Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
-    leaves the joints' limits.
+    body as its (small) angle from the equilibrium; accelerations of points.  Under a carrier of constant velocity both
+    are about the planned movement, which does not repeat: its angles, accelerations and torque are taken out.
+    StudyError where the robot has other motors than the plan, or the carrier meets the excitation or leaves the limits.
     """
 
     robot: Robot
@@ -105,9 +110,9 @@ class SimulatedRig:
         warming = None if spec.warming is None else spec.warming.temperature
         loads = loads_of(plant.loop.contacts, plant.model.robot, run.point)
         notes = (
-            *clipped(trajectory.u[self.measured], plant, experiment),
-            *exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
-            *opened(plant.model, trajectory),
+            *_clipped(trajectory.u[self.measured], plant, experiment),
+            *_exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
+            *_opened(plant.model, trajectory),
             *extrapolated(plant.loop.contacts, trajectory.q, self.plan.rate_hz, loads, warming or ()),
         )
         return self._record(run, trajectory, notes)
@@ -205,3 +210,50 @@ class SimulatedRig:
                 f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
                 "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
             ) from None
+
+
+def _clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
+    """A note for every motor whose measured torque u (n, n_u) was clipped; DataError where most of it was."""
+    part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
+    notes = []
+    for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
+        unit = "N" if plant.model.robot.slides(name) else "N*m"
+        if share > MAX_CLIPPED_SHARE:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
+                "measured samples and cannot control the robot; lower excitation.torque_rms, choose a configuration "
+                "with less gravity torque, or correct limits.torque"
+            )
+        if share > 0:
+            text = (
+                f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured samples: "
+                "the response is no longer linear; lower excitation.torque_rms"
+            )
+            notes.append(Note("clipped-torque", text, f"{experiment.name}, {name}"))
+    return tuple(notes)
+
+
+def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
+    """A note for every motor that went beyond its limits; the simulation does not clip."""
+    velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
+    torque, speed = np.abs(trajectory.u).max(axis=0), np.abs(velocity).max(axis=0)
+    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
+    notes = []
+    for joint, *peaks in zip(robot.driven, torque, speed, acceleration, strict=True):
+        limits = joint.limits.torque, joint.limits.velocity, joint.limits.acceleration
+        for peak, limit, turning in zip(peaks, limits, ("N*m", "rad/s", "rad/s^2"), strict=True):
+            unit = of_translation(turning) if joint.slides else turning
+            if peak > limit:
+                text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower excitation.torque_rms"
+                notes.append(Note("beyond-limit", text, f"motor {joint.name}"))
+    return tuple(notes)
+
+
+def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
+    """A note where the loops did not stay closed."""
+    left = violation(model, trajectory.q)
+    if left <= MAX_VIOLATION_M:
+        return ()
+    text = f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
+    return (Note("loops-opened", text + "experiment.simulated.substeps"),)
