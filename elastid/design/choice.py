@@ -1,31 +1,185 @@
-r"""The choice of configurations and realisations: optimal shares of the candidates, rounded to whole experiments.
-
-.. math:: H_i = 2\,\mathrm{Re} \sum_k J_k^H W_k J_k
-
-at the nominal parameters, or at guesses about them, with the weights W that the fit will give to the expected responses
-(`prospect`). The shares: `optimal`.
-"""
+"""The choice of configurations: admissible candidates, optimal shares (`optimal`), rounded to whole experiments."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
-from elastid.design.candidates import Candidates
 from elastid.design.optimal import DesignCriterion, relaxed_design, whole_experiments
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, GuessSpec, interest
+from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
+from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
+from elastid.robot import Robot
+
+# A larger grid is taken for a typing error.
+MAX_GRID_POINTS = 200_000
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Admissible configurations, and how many were refused for which reason."""
+
+    configurations: tuple[Configuration, ...]
+    refused: Mapping[str, int]
+
+    @property
+    def reasons(self) -> str:
+        """The reasons with their counts, for a message."""
+        return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+
+
+def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
+    """The admissible candidates of a study; the same seed draws the same.
+
+    swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
+    or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
+    """
+    low, high = _range(robot, swing)
+    names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
+    reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
+    reasons += list(_obstacles(spec, robot, angles))
+    if spec.singular > 0 and len(robot.driven) > 1:
+        singular = dexterity(robot, angles) < spec.singular
+        reasons.append((f"are singular (inverse condition below {spec.singular:g})", singular))
+    left = np.ones(len(angles), dtype=np.bool_)
+    refused: dict[str, int] = {}
+    for reason, bad in reasons:
+        if (left & bad).any():
+            refused[reason] = int((left & bad).sum())
+        left &= ~bad
+    if not left.any():
+        raise StudyError(
+            f"design.candidates: none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
+            f"{_remedy(spec, robot, angles, list(refused))}"
+        )
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
+
+
+def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    limits = np.array([joint.limits.angle for joint in robot.driven])
+    endless = [j.name for j in robot.driven if j.slides and not np.isfinite(j.limits.angle).all()]
+    if endless:
+        raise StudyError(
+            f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
+            "both ends of its travel in the robot's file"
+        )
+    low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
+    high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
+    for joint, by, a, b in zip(robot.driven, np.broadcast_to(swing, len(low)).tolist(), low, high, strict=True):
+        if a > b:
+            raise StudyError(
+                f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
+                f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
+                "the carrier's amplitude or design.candidates.margin"
+            )
+    return low, high
+
+
+def _proposed(
+    spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
+) -> tuple[Sequence[str], FloatArray]:
+    n = len(robot.driven)
+    if spec.given:
+        for name, given in spec.given.items():
+            if refused := robot.count_refusal(len(given)):
+                raise StudyError(f"design.candidates.given.{name}: {refused}")
+        return list(spec.given), np.array(list(spec.given.values()))
+    if spec.grid is not None:
+        counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
+        if refused := robot.count_refusal(len(counts), "numbers"):
+            raise StudyError(f"design.candidates.grid: {refused}")
+        if math.prod(counts) > MAX_GRID_POINTS:
+            raise StudyError(
+                f"design.candidates.grid: {math.prod(counts)} candidates; take fewer points per joint, at most "
+                f"{MAX_GRID_POINTS} in all"
+            )
+        axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
+        angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
+    else:
+        draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
+        angles = low + (high - low) * draw.random((spec.random or 200, n))
+    return [f"candidate{i + 1}" for i in range(len(angles))], angles
+
+
+def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
+    """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
+    known = [body.name for body in robot.bodies]
+    for name in spec.points:
+        if name not in known:
+            raise StudyError(f"design.candidates.points: no body is called '{name}'; there are {', '.join(known)}")
+    if spec.floor is None and not spec.boxes:
+        return
+    points = _along(skeleton(robot, angles, spec.points))
+    if spec.floor is not None:
+        yield "reach the floor", (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
+    for box in spec.boxes:
+        low, high = np.array(box.lower) - spec.clearance, np.array(box.upper) + spec.clearance
+        yield f"reach into box {box.name}", np.any(np.all((points > low) & (points < high), axis=2), axis=1)
+
+
+def upwards(robot: Robot) -> FloatArray:
+    """The direction against gravity; z where there is none."""
+    gravity = np.array(robot.gravity)
+    g = float(np.linalg.norm(gravity))
+    return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def _along(skeleton: Skeleton) -> FloatArray:
+    """The points that move and points on the links between two that do (Q, n, 3)."""
+    points = [skeleton.points[:, skeleton.moves]]
+    for a, b in skeleton.links:
+        if skeleton.moves[a] and skeleton.moves[b]:
+            part = np.linspace(0, 1, 7)[1:-1, None]
+            points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
+    return np.concatenate(points, axis=1)
+
+
+def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
+    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u), rad or m.
+
+    Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
+    direction in which the tool can never move (out of the plane of a planar arm) does not count.
+    """
+    # Random postures separate singular values that are zero everywhere (planar arm) from others.
+    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, angles.shape[1]))
+    slides = np.array([joint.slides for joint in robot.driven])
+    typical[:, slides] = angles[np.arange(len(typical)) % len(angles)][:, slides]
+    reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
+
+    def values(q: FloatArray) -> FloatArray:
+        # One metre of a slide is weighted as one radian of a joint that turns times the reach.
+        J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
+        J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
+        s = np.linalg.svd(J, compute_uv=False)
+        return np.asarray(s / np.maximum(s[:, :1], 1e-300))
+
+    rank = int(np.sum(np.median(values(typical), axis=0) > 1e-6))
+    return values(angles)[:, rank - 1]
+
+
+def _remedy(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
+    remedies = []
+    if any("floor" in reason for reason in reasons) and spec.floor is not None:
+        height = (_along(skeleton(robot, angles, spec.points)) @ upwards(robot)).min(axis=1).max()
+        remedies.append(f"a floor below {height - spec.clearance:.3g} m would let the highest of them in")
+    if any("box" in reason for reason in reasons):
+        remedies.append("make the boxes or clearance smaller")
+    if any("singular" in reason for reason in reasons):
+        remedies.append(f"the best of them has {dexterity(robot, angles).max():.3g}: lower singular")
+    if any("limits" in reason for reason in reasons):
+        remedies.append("give angles within the limits of the robot")
+    return "; ".join(remedies)
 
 
 @dataclass(frozen=True)
@@ -53,66 +207,33 @@ class Choice:
         )
 
 
-@dataclass(frozen=True)
-class InformationTask:
-    """Number of experiments to choose and of their periods, with the information that exists without them.
-
-    known (S, n_x, n_x): information of given configurations, earlier measurements and priors, for each guess.
-    """
-
-    prospect: Prospect
-    count: int
-    known: FloatArray
-
-
-def draw_guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) -> FloatArray:
-    """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
-    if spec is None:
-        return parameters.x[None]
-    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x90,)))
-    spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
-    lower, upper = parameters.x_bounds
-    drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
-    return np.vstack([parameters.x, np.clip(drawn, lower, upper)])
-
-
 def choose_configurations(
-    spec: DesignSpec,
-    tasks: Sequence[InformationTask],
-    candidates: Candidates,
+    criterion: DesignCriterion,
+    tasks: Sequence[tuple[Prospect, int, FloatArray]],
+    configurations: Sequence[Configuration],
     x: FloatArray,
     taken: Sequence[str],
     seed: int,
     execution: Execution,
 ) -> Choice:
-    """The best whole experiments among the candidates, for the best of the tasks.
+    """The best whole experiments among candidate configurations, for the best of the tasks.
 
-    x (S, n_x): guesses of the parameters.  taken: names that other configurations have.  StudyError for unknown
-    parameters, fewer candidates than asked for, and where no candidate informs any parameter.
+    tasks: number of experiments to choose, with their prospect, and the information (S, n_x, n_x) that exists without
+    them (given configurations, earlier measurements, priors).  x (S, n_x): guesses of the parameters.  taken: names
+    that other configurations have.  StudyError where no candidate informs any parameter.
     """
-    parameters = tasks[0].prospect.parameters
-    wanted = interest(parameters.free_names, spec.parameters)
-    configurations = candidates.configurations
-    if spec.count is not None and len(configurations) < spec.count:
-        raise StudyError(
-            f"design.count: {spec.count} configurations are asked for, {len(configurations)} candidates are admissible"
-            + (f" ({candidates.reasons})" if candidates.refused else "")
-            + f"; lower count to {len(configurations)}, give more candidates, or more realisations of each"
-        )
-    over = "mean" if spec.robust is None else spec.robust.over
     choices: list[tuple[float, Choice]] = []
-    for task in tasks:
-        H, rows = informations(task.prospect, configurations, x, execution)
-        criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
-        known = task.known + ground
-        shares = relaxed_design(H, criterion, known / task.count)
-        numbers = whole_experiments(H, shares.weights, task.count, criterion, known)
-        value = _value(H, numbers, criterion, known)
-        efficiency = math.exp(min(0.0, value - math.log(task.count) - shares.bound))
-        random = _random_value(H, task.count, criterion, known, seed)
-        chosen = _named([configurations[i] for i in rows], numbers, task.prospect.realisations, taken)
-        than_random = math.exp((value - random) / 2)
-        choices.append((value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(rows))))
+    for prospect, count, elsewhere in tasks:
+        H, rows = informations(prospect, configurations, x, execution)
+        seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
+        known = elsewhere + ground
+        shares = relaxed_design(H, seen, known / count)
+        numbers = whole_experiments(H, shares.weights, count, seen, known)
+        value = _value(H, numbers, seen, known)
+        efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
+        than_random = math.exp((value - _random_value(H, count, seen, known, seed)) / 2)
+        chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, than_random, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 
@@ -139,15 +260,14 @@ def informations(
 def _informations(
     prospect: Prospect, x: FloatArray, configurations: Sequence[Configuration]
 ) -> list[FloatArray | None]:
-    return [_information(prospect, x, configuration) for configuration in configurations]
-
-
-def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
-    try:
-        return np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
-    except (StudyError, DataError):
-        return None
+    """H (S, n_x, n_x) of each; None where there is no equilibrium for one of the guesses."""
+    found: list[FloatArray | None] = []
+    for configuration in configurations:
+        try:
+            found.append(prospect.information(configuration, x))
+        except (StudyError, DataError):
+            found.append(None)
+    return found
 
 
 def visible(
@@ -176,14 +296,10 @@ def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: 
 
 
 def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray, seed: int) -> float:
-    """Median of the criterion over random choices of as many candidates."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x4D,)))
     Q = H.shape[1]
-    values = [
-        _value(H, np.bincount(draw.choice(Q, count, replace=count > Q), minlength=Q), criterion, known)
-        for _ in range(100)
-    ]
-    return float(np.median(values))
+    draws = (draw.choice(Q, count, replace=count > Q) for _ in range(100))
+    return float(np.median([_value(H, np.bincount(drawn, minlength=Q), criterion, known) for drawn in draws]))
 
 
 def _named(

@@ -12,21 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.design.amplitudes import best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.choice import Choice, InformationTask, choose_configurations
+from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import nearest_run, within_limits
-from elastid.design.problem import DesignProblem
+from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, period_options, robot_time_refusal, room
+from elastid.design.spec import DesignSpec, robot_time_refusal, room
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
@@ -40,18 +40,10 @@ from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 
-@dataclass(frozen=True)
-class Stiffening:
-    """The springs of a configuration: sigma (n_s,), rms deflection in the run that has most; change k_eq / k_t - 1."""
-
-    configuration: str
-    joints: tuple[str, ...]
-    sigma: FloatArray
-    change: FloatArray
-
-
-def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
-    """The effect of a plan on the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
+def _stiffening(
+    prospect: Prospect, configuration: Configuration, x: FloatArray
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """The sprung joints, sigma (n_s,) in the run that has most, and k_eq / k_t - 1; StudyError without equilibrium."""
     model = prospect.linearisation.model
     theta = prospect.parameters.expand(x)[:-1]
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
@@ -61,27 +53,25 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     tangent = _tangents(model, load.joints)
     at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
-    k_eq = weights @ at_nodes / weights.sum()
-    return Stiffening(configuration.name, load.joints, sigma, k_eq / load.tangent - 1)
+    return load.joints, sigma, weights @ at_nodes / weights.sum() / load.tangent - 1
 
 
 def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
     """A note for each spring that the planned amplitude changes by more than LIMITS.stiffness_change; x (n_x,)."""
-    joints = prospects[0].robot.joints
-    if all(joint.spring is None or joint.spring.is_linear for joint in joints):
+    units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
+    if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
         return ()
-    springs = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
-    units = {joint.name: joint.unit for joint in joints}
+    springs = [_stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
     notes = []
-    for i, joint in enumerate(springs[0].joints):
-        worst = max(springs, key=lambda spring: abs(spring.change[i]))
-        change = float(worst.change[i])
+    for i, joint in enumerate(springs[0][0]):
+        q = max(range(len(points)), key=lambda q: abs(springs[q][2][i]))
+        sigma, change = float(springs[q][1][i]), float(springs[q][2][i])
         if abs(change) <= LIMITS.stiffness_change:
             continue
         text = (
-            f"the multisine deflects its spring by {worst.sigma[i]:.2g} {units[joint]} rms in {worst.configuration}, "
-            f"which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the "
-            "model, and biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
+            f"the multisine deflects its spring by {sigma:.2g} {units[joint]} rms in {points[q].name}, which makes it "
+            f"{abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the model, and "
+            "biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
             f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
         )
         notes.append(Note("stiffened-spring", text, f"joint {joint}"))
@@ -98,18 +88,17 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     # Friction holds shafts, which gears may couple.
     power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
-    motors = zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True)
-    return tuple(
-        Note(
-            "sticking-motor",
-            f"its Coulomb friction ({coulomb:.3g} {drive_unit(joint.slides)}) is more than a third of its rms torque "
-            f"({torque:.3g} {drive_unit(joint.slides)}): the joint sticks, and friction looks like stiffness; raise "
-            "excitation.torque_rms or add experiment.simulated.carrier",
-            f"motor {joint.name}",
-        )
-        for joint, torque, coulomb in motors
-        if coulomb > LIMITS.coulomb_ratio * torque
-    )
+    notes = []
+    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
+        if coulomb > LIMITS.coulomb_ratio * torque:
+            unit = drive_unit(joint.slides)
+            text = (
+                f"its Coulomb friction ({coulomb:.3g} {unit}) is more than a third of its rms torque ({torque:.3g} "
+                f"{unit}): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms or add "
+                "experiment.simulated.carrier"
+            )
+            notes.append(Note("sticking-motor", text, f"motor {joint.name}"))
+    return tuple(notes)
 
 
 def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
@@ -144,7 +133,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     Raises StudyError for a problem without a solution, with what is in the way.
     """
     execution = execution or Execution()
-    excitation, experiment, robot = problem.excitation, problem.experiment, problem.robot
+    excitation, experiment = problem.excitation, problem.experiment
     settled = with_friction_damping(with_typical_spectrum(with_torques(problem), excitation.torque_rms))
     choice = None
     if problem.design is not None:
@@ -155,18 +144,17 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
-    plan, limit_use = within_limits(plan, excitation, experiment, robot, problem.seed, execution)
+    plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     x, fitted = settled.parameters.x, settled.fitted(plan)
     expected = forecast([prospect.expected(c, x, realisations) for prospect, c, realisations in fitted], x)
     notes = (
-        *sticking(plan, true_robot(robot, problem.simulated.truth), problem.simulated.carrier),
+        *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
-    nearest = nearest_run(plan, limit_use.nearest, experiment, robot, problem.seed)
-    return Design(plan, expected, limit_use, nearest)
+    return Design(plan, expected, limit_use, nearest_run(problem.rig(plan), limit_use.nearest))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
@@ -178,27 +166,16 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     probe = problem.probe(problem.experiment)
     before = np.zeros(len(problem.robot.driven))
     for _ in range(20):
-        d = np.mean(_equivalent_damping(damped, probe, damped.parameters.x), axis=0)
+        damping = partial(_equivalent_damping, damped, probe)
+        d = np.mean(damped.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
         if np.all(np.abs(d - before) <= 0.01 * d):
             break
         damped, before = _with_damping(problem, d), d
     return damped
 
 
-def _equivalent_damping(problem: DesignProblem, probe: Plan, x: FloatArray) -> list[FloatArray]:
-    """Damping (n_u,) by Coulomb friction in each configuration of a plan, but for candidates without equilibrium."""
-    given, damping = problem.experiment.configurations, []
-    refused: StudyError | DataError | None = None
-    for q, configuration in enumerate(probe.configurations):
-        try:
-            damping.append(problem.prospect(probe, q).equivalent_damping(configuration, x))
-        except (StudyError, DataError) as error:
-            if configuration.name in given:
-                raise
-            refused = error
-    if refused is not None and not damping:
-        raise refused
-    return damping
+def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:
+    return problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x)
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
@@ -219,35 +196,37 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
     sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
     if refusal := robot_time_refusal(*sections):
         raise StudyError(f"design.robot_time: {refusal}")
-    options = [periods for periods in period_options(spec, problem.experiment) if room(*sections, periods) >= 1]
-    tasks = [_task(problem, periods, room(*sections, periods), x) for periods in options]
+    counts = {periods: room(*sections, periods) for periods in spec.periods or (problem.experiment.periods,)}
+    tasks = [_task(problem, periods, count, x) for periods, count in counts.items() if count >= 1]
+    criterion, n = problem.criterion, len(candidates.configurations)
+    if spec.count is not None and n < spec.count:
+        raise StudyError(
+            f"design.count: {spec.count} configurations are asked for, {n} candidates are admissible"
+            + (f" ({candidates.reasons})" if candidates.refused else "")
+            + f"; lower count to {n}, give more candidates, or more realisations of each"
+        )
     given = tuple(problem.experiment.configurations)
-    return choose_configurations(spec, tasks, candidates, x, given, problem.seed, execution)
+    return choose_configurations(criterion, tasks, candidates.configurations, x, given, problem.seed, execution)
 
 
-def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> InformationTask:
-    """A prospect, and the information of given configurations, earlier measurements and priors."""
+def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tuple[Prospect, int, FloatArray]:
     problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     known = problem.prior_information(x)
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
-            prospect = problem.prospect(probe, q)
-            known = known + np.stack([prospect.expected(configuration, guess).information(guess) for guess in x])
-    return InformationTask(problem.prospect(probe, len(probe.configurations) - 1), count, known)
+            known = known + problem.prospect(probe, q).information(configuration, x)
+    return problem.prospect(probe, len(probe.configurations) - 1), count, known
 
 
 def _shared_lines(plan: Plan) -> tuple[Note, ...]:
-    """A note where fewer experiments than inputs are run."""
     E, n_u = plan.R.shape[2], len(plan.inputs)
     if n_u <= E:
         return ()
-    return (
-        Note(
-            "approximate-forecast",
-            f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
-            "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is "
-            "not counted",
-        ),
+    text = (
+        f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
+        "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
+        "counted"
     )
+    return (Note("approximate-forecast", text),)

@@ -9,7 +9,7 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.base.units import of_translation
-from elastid.design.expected_response import ExpectedResponse, expected_fit
+from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
@@ -106,7 +106,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     blind = _blind(np.asarray(R), parameters, x)
-    return Forecast(
+    found = Forecast(
         parameters=parameters.free_names,
         units=tuple(p.unit for p in free),
         nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
@@ -116,11 +116,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
         freq_hz=freq_hz,
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
-        notes=(
-            *_undetermined(blind, parameters.free_names, len(expected), len(freq_hz)),
-            *_correlated(covariance, parameters.free_names),
-        ),
+        notes=tuple(_undetermined(blind, parameters.free_names, len(expected), len(freq_hz))),
     )
+    return replace(found, notes=(*found.notes, *_correlated(found)))
 
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
@@ -180,16 +178,11 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
     return notes
 
 
-def _correlated(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
-    std = np.sqrt(np.diag(covariance))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
+def _correlated(found: Forecast) -> list[Note]:
+    names, correlation = found.parameters, np.triu(np.nan_to_num(found.correlation), 1)
+    text = "{} and {} can barely be distinguished: their estimates will have a correlation of {:.3f}"
     return [
-        Note(
-            "correlated-parameters",
-            f"{names[i]} and {names[j]} can barely be distinguished: their estimates will have a correlation of "
-            f"{correlation[i, j]:.3f}",
-        )
+        Note("correlated-parameters", text.format(names[i], names[j], correlation[i, j]))
         for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)
     ]
 

@@ -7,7 +7,7 @@ those that the joint's limits leave (`friction_axis`); what cannot be done is re
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,32 +26,23 @@ from elastid.experiment.plan.friction import (
 )
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction_study.laws import LOWEST_SPEED, MIN_SPEEDS
-from elastid.friction_study.spec import FrictionSpec, PassesSpec, WarmUpSpec
+from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
 
-@dataclass(frozen=True)
-class _Load:
-    """A load of the study, or none: a name (empty without loads), a posture and a payload in kg."""
-
-    name: str
-    posture: Configuration
-    payload: float
-
-
 def passes_of(
-    spec: PassesSpec, loads: Sequence[_Load], joint: str, design: JointPassDesign, seed: int
+    spec: PassesSpec, loads: Sequence[LoadSpec], postures: Sequence[Configuration], design: JointPassDesign, seed: int
 ) -> tuple[PlannedMotion, ...]:
-    """The passes under every load, each set in an order of its own."""
-    every = np.repeat(design.speed, design.passes.astype(int)).tolist()
+    """The passes under every load, in its posture, each set in an order of its own."""
+    every, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(
         PlannedMotion(
             "-".join(filter(None, (f"j{joint}", load.name, planned.name))),
-            joint, "passes", load.posture, load.name, load.payload, planned=planned,
+            joint, "passes", posture, load.name, load.payload, planned=planned,
         )
-        for i, load in enumerate(loads)
+        for i, (load, posture) in enumerate(zip(loads, postures, strict=True))
         for planned in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
     )  # fmt: skip
 
@@ -60,7 +51,7 @@ def standstill_of(
     spec: FrictionSpec, axis: Axis, posture: Configuration, rng: np.random.Generator
 ) -> tuple[PlannedMotion, ...]:
     """Growing loops and small multisines of the torque in the middle of the window."""
-    joint, law = axis.joint.name, axis.guess.law
+    joint, law = axis.joint.name, axis.guess
     middle, motions = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if (loops := spec.presliding) is not None:
         low, high = (share * law.stiction for share in loops.torque)
@@ -126,41 +117,30 @@ def design_friction(
     part of the law that is asked for and that these experiments cannot identify.
     """
     _check_law(spec)
-    parts, end_s = list[_Planned](), 0.0
+    parts, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
         parts.append(_planned(spec, joint, experiment, robot, (seed, number), end_s))
-        end_s = parts[-1].end_s
+        end_s = parts[-1].robot_time_s
     return FrictionPlan(
         spec.rate_hz,
         tuple(motion for part in parts for motion in part.motions),
-        tuple(part.design for part in parts),
+        tuple(design for part in parts for design in part.designs),
         end_s,
         tuple(warm_up for part in parts for warm_up in part.warm_ups),
-        tuple(_known(part.axis, part.design) for part in parts),
-        tuple(dict.fromkeys(sentence for part in parts for sentence in _unknown(spec, part.axis, part.design))),
+        tuple(sentence for part in parts for sentence in part.known),
+        tuple(dict.fromkeys(sentence for part in parts for sentence in part.unknown)),
     )
-
-
-@dataclass(frozen=True)
-class _Planned:
-    """The experiments on one joint, and their end."""
-
-    axis: Axis
-    design: JointPassDesign
-    motions: tuple[PlannedMotion, ...]
-    warm_ups: tuple[PlannedWarmUp, ...]
-    end_s: float
 
 
 def _planned(
     spec: FrictionSpec, joint: Joint, experiment: ExperimentSpec, robot: Robot, seed: tuple[int, int], start_s: float
-) -> _Planned:
-    controller = experiment.as_simulated().controller
-    loads = [_Load(load.name, _posture(experiment, robot, load.configuration), load.payload) for load in spec.loads]
-    loads = loads or [_Load("", _posture(experiment, robot, None), 0.0)]
+) -> FrictionPlan:
+    controller, passes = experiment.as_simulated().controller, spec.designed_passes
+    loads = spec.loads or (LoadSpec(""),)
+    postures = [_posture(experiment, robot, load.configuration) for load in loads]
     axes = [
-        axis_of(with_point_mass(robot, load.payload), joint, load.posture, spec.designed_passes, controller)
-        for load in loads
+        axis_of(with_point_mass(robot, load.payload), joint, posture, passes, controller)
+        for load, posture in zip(loads, postures, strict=True)
     ]
     # The load that takes most of the torque decides ramps and speeds of all.
     axis = max(axes, key=lambda axis: axis.holding)
@@ -170,23 +150,20 @@ def _planned(
         joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.excess, speeds.efficiency
     )
     draws = np.random.SeedSequence(seed).spawn(2)
-    motions, end_s = timed(
-        (
-            *passes_of(spec.designed_passes, loads, joint.name, design, int(draws[0].generate_state(1)[0])),
-            *standstill_of(spec, axis, loads[0].posture, np.random.default_rng(draws[1])),
-        ),
-        axis.limits,
-        start_s,
-        spec.rate_hz,
+    untimed = (
+        *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
+        *standstill_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
     )
-    if spec.warm_up is None:
-        return _Planned(axis, design, motions, (), end_s)
-    warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, loads[0].posture, end_s)
-    return _Planned(axis, design, (*motions, *tests), (warm_up,), end_s)
+    motions, end_s = timed(untimed, axis.limits, start_s, spec.rate_hz)
+    warm_ups: tuple[PlannedWarmUp, ...] = ()
+    if spec.warm_up is not None:
+        warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)
+        motions, warm_ups = (*motions, *tests), (warm_up,)
+    known, unknown = (_known(axis, design),), tuple(_unknown(spec, axis, design))
+    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, known, unknown)
 
 
 def _check_law(spec: FrictionSpec) -> None:
-    """StudyError for a part of the law without the conditions or the experiment that it needs."""
     if spec.law.presliding == "lugre" and spec.presliding is not None:
         raise StudyError(
             "friction.law.presliding: lugre, and slow loops (friction.presliding) do not identify the damping of "
@@ -215,7 +192,6 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 
 def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
-    """The speeds of the passes and how many at each; StudyError for a range without room."""
     passes, unit = spec.designed_passes, axis.limits.unit
     lowest, highest = passes.speeds or (axis.slowest, axis.fastest)
     try:
@@ -233,19 +209,17 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
 
 
 def _known(axis: Axis, design: JointPassDesign) -> str:
-    """The design of the passes of a joint in a sentence."""
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (
         f"{axis.limits.place}: {design.passes.sum():.0f} passes at {len(design.speed)} speeds from "
         f"{design.speed[0]:.3g} to {design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for friction as that of "
-        f"{source} (F_c {axis.guess.law.coulomb:.3g}, nu_s {axis.guess.law.stribeck_velocity:.3g})"
+        f"{source} (F_c {axis.guess.coulomb:.3g}, nu_s {axis.guess.stribeck_velocity:.3g})"
     )
 
 
 def _unknown(spec: FrictionSpec, axis: Axis, design: JointPassDesign) -> list[str]:
-    """Parts of the law that the levels will not identify, and experiments that would."""
-    nu_s, unknown = axis.guess.law.stribeck_velocity, []
+    nu_s, unknown = axis.guess.stribeck_velocity, []
     if len(design.speed) < MIN_SPEEDS:
         unknown.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")
     elif design.speed[0] > LOWEST_SPEED * nu_s:

@@ -28,21 +28,40 @@ LINEAR, SEARCHED = ("coulomb", "excess", "viscous"), ("stribeck_velocity", "expo
 
 @dataclass(frozen=True)
 class StribeckGuess:
-    """A law as it may be: F_c, F_s, viscous friction, nu_s and the exponent, SI of one side."""
+    """A law as it may be: F_c, F_s, viscous friction, nu_s and the exponent, SI of one side.
+
+    is_from_file: true if the robot's file has it, else of common gears.
+    """
 
     coulomb: float
     stiction: float
     viscous: float
     stribeck_velocity: float
     exponent: float = 2.0
+    is_from_file: bool = False
+
+    @property
+    def spread(self) -> tuple[StribeckGuess, ...]:
+        """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
+        nu_s = self.stribeck_velocity
+        return tuple(replace(self, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
+
+    def torque(self, speed: float) -> float:
+        """F(v), Nm: what braking takes at a speed."""
+        fall = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
+        return self.coulomb + (self.stiction - self.coulomb) * fall + self.viscous * speed
+
+    def slope(self, speed: float) -> float:
+        """dF / dv, Nms/rad: negative where friction falls with speed."""
+        x = float((speed / self.stribeck_velocity) ** self.exponent)
+        return self.viscous - (self.stiction - self.coulomb) * self.exponent * x * math.exp(-x) / speed
 
 
 @dataclass(frozen=True)
 class PassSpeeds:
     """speed (n,), lowest first, with the number of passes there and back at each, passes (n,).
 
-    excess: max Tr(M^-1 H_i) / d - 1 of the shares before they were rounded: 0 at the optimum.  efficiency: of the whole
-    passes against the best shares, (det M / det M*)^(1 / d).
+    excess: of the shares before they were rounded.  efficiency: of the whole passes, (det M / det M*)^(1 / d).
     """
 
     speed: FloatArray
@@ -104,34 +123,8 @@ class CommonGear:
 GEAR = CommonGear()
 
 
-@dataclass(frozen=True)
-class FrictionGuess:
-    """law: link side.  is_from_file: true if the robot's file has it, else of common gears."""
-
-    law: StribeckGuess
-    is_from_file: bool
-
-    @property
-    def spread(self) -> tuple[StribeckGuess, ...]:
-        """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
-        nu_s = self.law.stribeck_velocity
-        return tuple(replace(self.law, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
-
-    def torque(self, speed: float) -> float:
-        """F(v), Nm: what braking takes at a speed."""
-        law = self.law
-        fall = math.exp(-float((speed / law.stribeck_velocity) ** law.exponent))
-        return law.coulomb + (law.stiction - law.coulomb) * fall + law.viscous * speed
-
-    def slope(self, speed: float) -> float:
-        """dF / dv, Nms/rad: negative where friction falls with speed."""
-        law = self.law
-        x = float((speed / law.stribeck_velocity) ** law.exponent)
-        return law.viscous - (law.stiction - law.coulomb) * law.exponent * x * math.exp(-x) / speed
-
-
-def guess_friction(robot: Robot, joint: Joint, inertia: float) -> FrictionGuess:
-    """The friction of a driven joint as far as the file has it.
+def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
+    """The friction of a driven joint, link side, as far as the file has it.
 
     inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
     Stribeck velocity that the file does not have are those of common gears.
@@ -146,7 +139,7 @@ def guess_friction(robot: Robot, joint: Joint, inertia: float) -> FrictionGuess:
     nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), GEAR.stribeck_velocity * speed)
     exponent = next((law.spec.exponent for law in laws if law.spec.stribeck_velocity is not None), 2.0)
     viscous = viscous or GEAR.viscous * coulomb / speed
-    return FrictionGuess(StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent), bool(laws))
+    return StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent, bool(laws))
 
 
 @dataclass(frozen=True)
@@ -162,11 +155,11 @@ class Axis:
     holding: float
     inertia: float
     damping: float
-    guess: FrictionGuess
+    guess: StribeckGuess
 
     def peak_torque(self, speed: float) -> float:
         """|u| that a pass at a speed takes at most: gravity, ramps, friction."""
-        friction = max(self.guess.torque(speed), self.guess.law.stiction)
+        friction = max(self.guess.torque(speed), self.guess.stiction)
         return self.holding + self.inertia * self.limits.acceleration + friction
 
     def sticks_at(self, speed: float) -> bool:
@@ -176,7 +169,7 @@ class Axis:
     @property
     def slowest(self) -> float:
         """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
-        lowest = 0.03 * self.guess.law.stribeck_velocity
+        lowest = 0.03 * self.guess.stribeck_velocity
         sticking = [v for v in self._speeds(lowest).tolist() if self.sticks_at(v)]
         return 1.05 * max(sticking, default=lowest)
 
@@ -214,7 +207,7 @@ class Axis:
                 )
 
     def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:
-        top = highest or max(lowest * 2, 20 * self.guess.law.stribeck_velocity)
+        top = highest or max(lowest * 2, 20 * self.guess.stribeck_velocity)
         return np.geomspace(lowest, top, 200)
 
 
@@ -231,7 +224,7 @@ def axis_of(robot: Robot, joint: Joint, posture: Configuration, passes: PassesSp
     speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else window[1] - window[0]
     limits = PassLimits(
         f"joint {joint.name}", window, speed, acceleration, min(turn, 0.5 * (window[1] - window[0])),
-        controller.bandwidth_hz, 2 * guess.law.stiction / stiffness, joint.slides,
+        controller.bandwidth_hz, 2 * guess.stiction / stiffness, joint.slides,
     )  # fmt: skip
     return Axis(joint, index, limits, holding, inertia, damping, guess)
 
@@ -267,20 +260,20 @@ def _dynamics(
     return float(np.abs(holding).max()), float(inertia), float(gains.kd[index])
 
 
-def _acceleration(joint: Joint, holding: float, inertia: float, guess: FrictionGuess) -> float:
+def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
     """Of the ramps: within the joint's limit, 0.4 s to full speed, and 90 % of the torque less gravity and friction."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     given = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
     if not math.isfinite(limits.torque):
         return given
-    room = 0.9 * limits.torque - holding - guess.law.stiction
+    room = 0.9 * limits.torque - holding - guess.stiction
     if room <= 0:
         unit = "N" if joint.slides else "N*m"
         raise StudyError(
             f"friction.passes: gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
-            f"{joint.name} gives, and break-away about {guess.law.stiction:.3g}: nothing is left to move it; choose a "
+            f"{joint.name} gives, and break-away about {guess.stiction:.3g}: nothing is left to move it; choose a "
             "posture or window with less gravity torque, or correct limits.torque"
         )
     # Viscous friction at full speed takes its part while the ramp ends.
-    return min(given, max(0.2 * room, room - guess.law.viscous * speed) / inertia)
+    return min(given, max(0.2 * room, room - guess.viscous * speed) / inertia)

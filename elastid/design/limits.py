@@ -21,34 +21,23 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
-from elastid.excitation.crest import peaks as signal_peaks
+from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.movement import Rehearsal, derivatives
-from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.plan.torque_spectra import torque_rms
+from elastid.experiment.plan.movement import Rehearsal
+from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
-from elastid.robot import Robot
 
 
-def nominal_rig(plan: Plan, experiment: ExperimentSpec, robot: Robot, seed: int) -> SimulatedRig:
-    """The rig that rehearses a plan: the simulated one without its truth."""
-    return SimulatedRig(robot, experiment.with_truth({}), plan, seed)
-
-
-def nearest_run(plan: Plan, name: str, experiment: ExperimentSpec, robot: Robot, seed: int) -> Rehearsal:
+def nearest_run(rig: SimulatedRig, name: str) -> Rehearsal:
     """The rehearsal of the run `name`, the one nearest to a limit, repeated for its signals."""
-    run = next(run for run in plan.experiments if run.name == name)
-    position, torque = nominal_rig(plan, experiment, robot, seed).rehearse(run)
-    return Rehearsal(run, plan.rate_hz, plan.first_sample, position, torque)
+    return rig.rehearse(next(run for run in rig.experiments if run.name == name))
 
 
-def limits_of(robot: Robot, configuration: Configuration, carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
+def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
     """Limits (5, n_u) in a configuration, in the order of QUANTITIES."""
-    limits = [joint.limits for joint in robot.driven]
+    limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
     room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
     if carrier is not None and carrier.kind == "offset":
@@ -78,7 +67,6 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
-    """The name of the run that comes closest to a limit (Q, 5, n_u)."""
     index = {c.name: q for q, c in enumerate(plan.configurations)}
     return max(plan.experiments, key=lambda e: float((runs[e.name] / limit[index[e.configuration.name]]).max())).name
 
@@ -86,55 +74,42 @@ def _nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatA
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     """Peaks (5, n_u) without multisine; StudyError where even so a motor is lost."""
     try:
-        return peaks_of_run(rig, experiment, *rig.rehearse(experiment, 0.0))
+        return peaks_of_run(rig, rig.rehearse(experiment, 0.0))
     except DataError as error:
         raise StudyError(f"the robot leaves its configuration without any excitation: {error}") from None
 
 
-def peaks_of_run(rig: SimulatedRig, experiment: Experiment, position: FloatArray, torque: FloatArray) -> FloatArray:
-    """Peaks (5, n_u) of motor angles and torques (n, n_u) of a whole run."""
-    plan = rig.plan
-    velocity, acceleration = derivatives(position, plan.rate_hz)
-    rows = [torque, position - experiment.configuration.angles, velocity, acceleration]
-    largest = [np.abs(row).max(axis=0) for row in rows]
-    carrier = rig.simulated.carrier
-    back = np.zeros(len(plan.inputs))
+def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
+    """Peaks (5, n_u) of a whole run."""
+    signals, carrier = rehearsal.signals, rig.simulated.carrier
+    back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
-        v = carrier.velocities(len(plan.inputs))
-        end = plan.run_samples - plan.first_sample
-        measured = velocity[end - plan.periods * plan.period_samples : end]
-        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * measured).min(axis=0))
-    return np.array([*largest, back])
+        v = carrier.velocities(len(back))
+        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.measured]).min(axis=0))
+    return np.array([*np.abs(signals).max(axis=1), back])
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     """Peaks (5, n_u) of one run, twice the limits where a motor is lost."""
     try:
-        position, torque = rig.rehearse(experiment)
+        return peaks_of_run(rig, rig.rehearse(experiment))
     except DataError:
-        limit = limits_of(rig.robot, experiment.configuration, rig.simulated.carrier, rig.plan)
+        limit = limits_of(rig, experiment.configuration)
         return np.where(np.isfinite(limit), 2 * limit, 0.0)
-    return peaks_of_run(rig, experiment, position, torque)
 
 
 FILL_SHARE = 0.98  # of the room that a rescaled configuration is to fill
 
 
 def within_limits(
-    plan: Plan,
-    excitation: MultisineSpec,
-    experiment: ExperimentSpec,
-    robot: Robot,
-    seed: int,
-    execution: Execution | None = None,
+    rig: SimulatedRig, excitation: MultisineSpec, execution: Execution | None = None
 ) -> tuple[Plan, LimitUse]:
-    """The plan with amplitudes whose peaks in the rehearsal keep the margin, and these peaks.
+    """The plan of a nominal rig with amplitudes whose peaks in the rehearsal keep the margin, and these peaks.
 
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
     """
-    rig = nominal_rig(plan, experiment, robot, seed)
-    limit, base = _limits_and_base(rig, excitation.margin)
+    plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
     allowed = (1 - excitation.margin) * limit
     is_free = excitation.torque_rms == "limits"
     factor = np.ones((len(plan.configurations), len(plan.inputs)))
@@ -149,9 +124,7 @@ def within_limits(
     return scaled, LimitUse(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest, plan.sliding)
 
 
-def power_costs(
-    plan: Plan, excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int
-) -> FloatArray:
+def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     r"""Cost of powers in terms of the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
@@ -161,14 +134,13 @@ def power_costs(
     torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
     Raises StudyError where a limit leaves no room, and where nothing limits a motor.
     """
-    rig = nominal_rig(plan, experiment, robot, seed)
-    limit, base = _limits_and_base(rig, excitation.margin)
+    plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
     room = (1 - excitation.margin) * limit - base
     _, M, E, F, n_u = plan.R.shape
     crest = 2 * np.log(2 * F * E * M)
     own = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
-        rms = torque_rms(excitation, robot)
+        rms = torque_rms(excitation, rig.robot)
         own = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back) in enumerate(room):
@@ -191,28 +163,22 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
     """Limits and the peaks without multisine, both (Q, 5, n_u); StudyError where these leave no room."""
     plan = rig.plan
-    limit = np.array([limits_of(rig.robot, c, rig.simulated.carrier, plan) for c in plan.configurations])
+    limit = np.array([limits_of(rig, c) for c in plan.configurations])
     first = {e.configuration.name: e for e in reversed(plan.experiments)}
     base = np.array([peaks_of_movement(rig, first[c.name]) for c in plan.configurations])
-    _check_room(plan, rig.robot, base, limit, margin)
-    return limit, base
-
-
-def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, margin: float) -> None:
-    """StudyError where gravity, friction and movement alone need more of a limit than the margin leaves."""
     used = base / limit
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:
-        return
+        return limit, base
     advice = {
         "torque": "move the configuration, or correct limits.torque",
         "position": "move the configuration away from the end of the joint, or make the carrier smaller",
         "turning back": "raise the carrier's velocity well above the disturbances by friction and ramps",
     }.get(QUANTITIES[kind], "make the carrier slower, or the ramp longer")
-    unit = unit_of(int(kind), robot.driven[i].slides)
+    unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
         f"configuration {plan.configurations[q].name}: no excitation fits into the limits of joint "
-        f"{robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
+        f"{rig.robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
         f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
         f"{margin:.0%} free; {advice}"
     )
@@ -245,7 +211,6 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
 
 
 def _check_ends(plan: Plan, room: FloatArray) -> None:
-    """StudyError where a motor has endless room (5, n_u)."""
     endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
     if endless:
         raise StudyError(
@@ -255,12 +220,7 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 
 
 def _rehearse(
-    rig: SimulatedRig,
-    factor: FloatArray,
-    base: FloatArray,
-    allowed: FloatArray,
-    is_free: bool,
-    execution: Execution,
+    rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 5, n_u), and each run's peaks (5, n_u) there."""
     plan = rig.plan
@@ -285,13 +245,9 @@ def _rehearse(
 
 
 def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[Note, ...]:
+    text = "excitation.torque_rms was lowered to {:.1%}, so that {:.0%} of every limit stays free in the rehearsal"
     return tuple(
-        Note(
-            "torque-lowered",
-            f"excitation.torque_rms was lowered to {f[0]:.1%}, so that {margin:.0%} of every limit "
-            "stays free in the rehearsal",
-            f"configuration {c.name}",
-        )
+        Note("torque-lowered", text.format(f[0], margin), f"configuration {c.name}")
         for c, f in zip(plan.configurations, factor, strict=True)
         if f[0] < 1
     )

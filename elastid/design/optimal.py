@@ -8,7 +8,7 @@ smallest. Phi is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no
 for D g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and
 Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.) The smallest
 eigenvalue has no gradient where it is best, where several are equal: E is a semidefinite program
-(`smallest_eigenvalue`), and too large ones are softened and climb.
+(`bounded_shares`), and too large ones are softened and climb.
 
 Several information matrices of each candidate, one for each guess of the parameters, are averaged or judged by the
 worst guess.
@@ -22,7 +22,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.design.smallest_eigenvalue import bounded_shares, pack, unpack
 
 Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]
@@ -32,6 +31,8 @@ MAX_GAP = 1e-3
 GUESS_POWER = 300.0
 # Updates between two evaluations of all candidates; in between only those that could carry weight are updated.
 UPDATES_PER_ROUND = 25
+# Of the dual; 1700 with 200 candidates take half a second, 600 with 8000 candidates 5 s. Beyond, updates climb.
+MAX_UNKNOWNS = 2000
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,6 @@ class DesignCriterion:
             scale = scale * (variances.max(axis=1) / (share * variances).sum(axis=1))[:, None]
         XV = X @ V
         gradient = (XV * scale[:, None, :]) @ np.swapaxes(XV, 1, 2)
-        return self._together(phi, soft, gradient)
-
-    def _together(self, phi: FloatArray, soft: FloatArray, gradient: FloatArray) -> CriterionValue:
         if self.over == "mean" or len(phi) == 1:
             weight = np.full(len(phi), 1 / len(phi))
             return CriterionValue(float(phi.mean()), float(soft.mean()), 0.0, weight[:, None, None] * gradient)
@@ -145,9 +143,9 @@ def relaxed_design(
     M must be positive definite for equal shares.
     """
     packed = pack(H if known is None else H + known[:, None])
-    if criterion.letter != "E" or np.isfinite(criterion.softness):
-        return _climbed(packed, criterion, tolerance)
-    bounded = bounded_shares(packed, criterion.interest, criterion.over == "worst", tolerance)
+    bounded = None
+    if criterion.letter == "E" and np.isinf(criterion.softness):
+        bounded = bounded_shares(packed, criterion.interest, criterion.over == "worst", tolerance)
     if bounded is None:
         return _climbed(packed, criterion, tolerance)
     weights, bound = bounded
@@ -159,7 +157,6 @@ def relaxed_design(
 
 
 def _climbed(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign:
-    """The shares that multiplicative updates of equal ones reach."""
     weights = np.full(packed.shape[1], 1 / packed.shape[1])
     slope = criterion.slope(unpack(weights @ packed))
     max_updates = 10_000
@@ -250,7 +247,6 @@ def _exchanged(
 
 
 def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
-    """The candidate that adds most to information `rest` (S, p), and the value with it."""
     # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
     slope = criterion.slope(unpack(rest + packed[:, leaves] / 2))
     g = _gains(packed, slope)
@@ -277,3 +273,80 @@ def _apportioned(weights: FloatArray, count: int) -> IntArray:
 def _gains(packed: FloatArray, slope: CriterionValue) -> FloatArray:
     """g (Q,): relative gain of phi by a small increase of each candidate's share."""
     return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, pack(slope.gradient), optimize=True), 0.0))
+
+
+def pack(matrices: FloatArray) -> FloatArray:
+    """Symmetric (..., d, d) as (..., d (d + 1) / 2), so that Tr(A B) is a dot product."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2)))
+
+
+def unpack(vectors: FloatArray) -> FloatArray:
+    """Symmetric (..., d, d) of vectors (..., d (d + 1) / 2)."""
+    d = round((np.sqrt(8 * vectors.shape[-1] + 1) - 1) / 2)
+    rows, columns = np.tril_indices(d)
+    matrices = np.empty((*vectors.shape[:-1], d, d))
+    matrices[..., rows, columns] = vectors / np.where(rows == columns, 1.0, np.sqrt(2))
+    matrices[..., columns, rows] = matrices[..., rows, columns]
+    return matrices
+
+
+def bounded_shares(
+    H: FloatArray, interest: FloatArray, worst: bool, tolerance: float
+) -> tuple[FloatArray, float] | None:
+    r"""Shares (Q,) of candidates with packed information H (S, Q, p) by a semidefinite program, and a bound of phi.
+
+    .. math:: \max_{\lambda, t}\ \frac{1}{S} \sum_s \ln t_s, \qquad \sum_q \lambda_q H_{sq} \succeq t_s K K^T,
+              \quad \lambda_q \ge 0, \ \sum_q \lambda_q = 1
+
+    interest: K (d, s), so that 1 / t_s is the largest eigenvalue of K^T M_s^-1 K.  worst: one t for all guesses s.
+    Clarabel solves it; from its dual matrices W_s follows the bound ln max_q sum_s Tr(W_s H_sq) - mean_s ln(S Tr(W_s K
+    K^T)), valid wherever the solver has stopped (Pukelsheim, chapter 7).  None where there are too many unknowns, where
+    the information of equal shares is singular in floating point, and where the solver fails.
+    """
+    # Both are slow to import, and needed for this criterion alone.
+    import clarabel
+    from scipy import sparse
+
+    S, Q, p = H.shape
+    if S * p > MAX_UNKNOWNS:
+        return None
+    # In coordinates in which the mean information of equal shares is the identity, and its smallest eigenvalue is 1.
+    try:
+        whitening = np.linalg.inv(np.linalg.cholesky(unpack(H.mean(axis=(0, 1)))))
+    except np.linalg.LinAlgError:
+        return None
+    K = whitening @ interest
+    scale = float(np.linalg.eigvalsh(K.T @ K).max())
+    C = pack(K @ K.T) / scale
+    H = pack(whitening @ unpack(H) @ whitening.T)
+    T = 1 if worst else S
+    # Unknowns: t (T,), their logarithms (T,), the shares (Q,).  right - constraints @ unknowns lies in the cones.
+    matrices = [np.kron(np.ones((S, 1)) if worst else np.eye(S), C[:, None]), np.zeros((S * p, T)), -np.vstack([*H.mT])]
+    logarithms = np.zeros((3 * T, 2 * T))
+    for s in range(T):
+        logarithms[3 * s, T + s] = logarithms[3 * s + 2, s] = -1.0
+    constraints = sparse.vstack([
+        sparse.csc_matrix(np.concatenate([np.zeros(2 * T), np.ones(Q)])[None]),
+        sparse.hstack([sparse.csc_matrix((Q, 2 * T)), -sparse.eye(Q)]),
+        sparse.csc_matrix(np.hstack(matrices)),
+        sparse.hstack([sparse.csc_matrix(logarithms), sparse.csc_matrix((3 * T, Q))]),
+    ])  # fmt: skip
+    right = np.concatenate([[1.0], np.zeros(Q + S * p), np.tile([0.0, 1.0, 0.0], T)])
+    cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(Q)]
+    cones += [clarabel.PSDTriangleConeT(len(K))] * S + [clarabel.ExponentialConeT()] * T
+    goal = np.concatenate([np.zeros(T), -np.ones(T) / T, np.zeros(Q)])
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+    settings.tol_gap_abs = settings.tol_gap_rel = tolerance / 10
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((len(goal), len(goal))), goal, sparse.csc_matrix(constraints), right, cones, settings
+    )
+    solution = solver.solve()
+    weights = np.maximum(solution.x[2 * T :], 0.0)
+    W = np.array(solution.z[1 + Q : 1 + Q + S * p]).reshape(S, p)
+    largest, normal = np.einsum("sqp,sp->q", H, W).max(), W @ C
+    if not (weights.sum() > 0 and np.isfinite(largest) and largest > 0 and (normal > 0).all()):
+        return None
+    mean = np.log(normal.sum()) if worst else np.mean(np.log(S * normal))
+    return weights / weights.sum(), float(np.log(largest) - mean - np.log(scale))

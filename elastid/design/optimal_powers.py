@@ -184,12 +184,8 @@ def _information(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArra
 
 def _gains(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, gradient: FloatArray) -> FloatArray:
     """d phi / d P (K, F, n_u)."""
-    gains = [
-        sum(
-            source.gains(powers, slope)
-            for configuration in group
-            for source, slope in zip(configuration, gradient, strict=True)
-        )
-        for group, powers in zip(groups, P, strict=True)
-    ]
+    gains = []
+    for group, powers in zip(groups, P, strict=True):
+        pairs = [pair for configuration in group for pair in zip(configuration, gradient, strict=True)]
+        gains.append(sum(source.gains(powers, slope) for source, slope in pairs))
     return np.array(gains)

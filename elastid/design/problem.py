@@ -1,35 +1,45 @@
-"""DesignProblem: the sections of a study that a plan depends on, and the plans and prospects that they give."""
+"""DesignProblem: the sections of a study that a plan depends on, and the amplitudes that a study leaves open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.design.candidates import Candidates, draw_candidates
-from elastid.design.choice import draw_guesses
-from elastid.design.expected_response import ExpectedResponse, linear_model, variance_like
+from elastid.base.errors import DataError, StudyError
+from elastid.design.choice import Candidates, draw_candidates, visible
+from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion
-from elastid.design.prospect import NoiseLevel, Prospect
+from elastid.design.optimal_powers import best_powers, even_powers
+from elastid.design.prospect import ExpectedResponse, Prospect, variance_like
 from elastid.design.spec import DesignSpec, LevelSpec, interest
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.fit.problem.elastic import linear_model
 from elastid.fit.problem.weights import weigh
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
+from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+
+Value = TypeVar("Value")
+# A prospect, its configuration, and the realisations in which it is measured.
+_Measurement: TypeAlias = tuple[Prospect, Configuration, int]
 
 
 @frozen_value
@@ -78,16 +88,23 @@ class DesignProblem:
 
     @property
     def guesses(self) -> FloatArray:
-        """Guesses (S, n_x) of the parameters, the nominal one first."""
-        return draw_guesses(self.parameters, None if self.design is None else self.design.robust, self.seed)
+        """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
+        parameters, spec = self.parameters, None if self.design is None else self.design.robust
+        if spec is None:
+            return parameters.x[None]
+        draw = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0x90,)))
+        spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
+        drawn = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
+        return np.vstack([parameters.x, np.clip(drawn, *parameters.x_bounds)])
 
     @property
     def criterion(self) -> DesignCriterion:
         """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
-        design = self.design
-        wanted = interest(self.parameters.free_names, () if design is None else design.parameters)
-        over = design.robust.over if design is not None and design.robust is not None else "mean"
-        return DesignCriterion("D" if design is None else design.criterion, wanted, over)
+        design, names = self.design, self.parameters.free_names
+        if design is None:
+            return DesignCriterion("D", interest(names, ()))
+        over = "mean" if design.robust is None else design.robust.over
+        return DesignCriterion(design.criterion, interest(names, design.parameters), over)
 
     def candidates(self, design: DesignSpec) -> Candidates:
         """The admissible configurations, with room for the carrier and the margin of the limits."""
@@ -113,6 +130,10 @@ class DesignProblem:
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
         return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
+    def rig(self, plan: Plan) -> SimulatedRig:
+        """The rig that rehearses a plan: the simulated one without its truth."""
+        return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
+
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
         """A plan of the given configurations, and of eight more that stand for all candidates.
 
@@ -128,42 +149,51 @@ class DesignProblem:
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
 
+    def at_equilibria(
+        self, probe: Plan, value: Callable[[int, Configuration], Value], needed: Collection[str] = ()
+    ) -> list[Value]:
+        """value(q, configuration) of each configuration of a probe that has an equilibrium.
+
+        StudyError or DataError of a needed one (by its name), and of the last one where none has.
+        """
+        values: list[Value] = []
+        refused: StudyError | DataError | None = None
+        for q, configuration in enumerate(probe.configurations):
+            try:
+                values.append(value(q, configuration))
+            except (StudyError, DataError) as error:
+                if configuration.name in needed:
+                    raise
+                refused = error
+        if refused is not None and not values:
+            raise refused
+        return values
+
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""
-        outputs = self.simulated.outputs or self.robot.motor_locations
         spec = self.design.noise if self.design is not None else LevelSpec()
+        own = replace(plan, configurations=(plan.configurations[q],), R=plan.R[q : q + 1, : plan.realisations[q]])
         variance = None
         if self.like:
-            variance = variance_like(self.like, plan.freq_hz, outputs, plan.inputs) * self.experiment.realisations
-        return Prospect(
-            model=self.model,
-            robot=self.robot,
-            parameters=self.parameters,
-            fit=self.fit,
-            outputs=outputs,
-            quantity=self.quantity,
-            controller=self.simulated.controller,
-            carrier_velocity=one_period(self.simulated.carrier, plan),
-            level=NoiseLevel(self.simulated.noise, spec.distortion, spec.absolute, variance),
-            lines=plan.lines,
-            R=plan.R[q, : plan.realisations[q]],
-            rate_hz=plan.rate_hz,
-            period_samples=plan.period_samples,
-            periods=plan.periods,
-            realisations=self.experiment.realisations,
-            friction_is_left=self.friction_is_left,
-        )
+            variance = variance_like(self.like, plan.freq_hz, self.outputs, plan.inputs) * self.experiment.realisations
+        fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
+        velocity, M = one_period(self.simulated.carrier, plan), self.experiment.realisations
+        return Prospect(*fixed, spec, variance, own, M, velocity, self.friction_is_left)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The places that the rig logs."""
+        return self.simulated.outputs or self.robot.motor_locations
 
     @property
     def friction_is_left(self) -> bool:
         """True if the responses will contain the motors' friction: it is not taken out, or cannot be identified."""
-        outputs = self.simulated.outputs or self.robot.motor_locations
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
-        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(outputs)
+        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
-    def fitted(self, plan: Plan) -> list[tuple[Prospect, Configuration, int]]:
+    def fitted(self, plan: Plan) -> list[_Measurement]:
         """Prospect, configuration and realisations of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         return [(self.prospect(plan, q), c, M) for q, (c, M) in measured if c.name not in self.left_out]
@@ -174,8 +204,89 @@ class DesignProblem:
         slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
         known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
         for response in self.measured:
+            linearisation = Linearisation.of_robot(self.robot, self.model, parameters.names)
             for s, guess in enumerate(x):
-                model = linear_model(self.robot, self.model, parameters, response, guess)
+                model = linear_model(linearisation, response, parameters.expand(guess))
                 expected = ExpectedResponse(response, model, weigh(response, self.fit), parameters, self.fit)
                 known[s] += expected.information(guess)
         return known
+
+
+def with_torques(problem: DesignProblem) -> DesignProblem:
+    """The problem with the torques that a few postures bear, where the study leaves them to the limits."""
+    excitation = problem.excitation
+    if excitation.torque_rms != "limits":
+        return problem
+    probe = problem.probe(replace(problem.experiment, realisations=1), 1)
+    if excitation.phases == "optimised":
+        # The peaks that it would have if measured: phases optimised in one configuration, taken for all.
+        single = replace(problem.experiment, configurations={}, realisations=1)
+        phases = np.angle(problem.plan(single, [ChosenConfiguration(probe.configurations[0], 1)]).R)
+        probe = replace(probe, R=np.abs(probe.R) * np.exp(1j * phases))
+    probe, _ = within_limits(problem.rig(probe), replace(excitation, flat="torque"))
+    rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
+    return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
+
+
+def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
+    """The problem with the spectrum of the most information about a few configurations, for `flat: information`.
+
+    torque_rms: as the study has it, `limits` included.
+    """
+    if problem.excitation.flat != "information":
+        return problem
+    probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
+
+    def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
+        prospect = problem.prospect(probe, q)
+        for x in problem.guesses:
+            prospect.expected(configuration, x)
+        single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+        return (prospect, configuration, probe.realisations[q]), power_costs(problem.rig(single), excitation)
+
+    measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
+    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
+
+
+def best_spectra_of(
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
+    """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+
+    Empty without `flat: information`.
+    """
+    if problem.typical is None:
+        return {}
+    plan = problem.plan(experiment, chosen)
+    fitted = problem.fitted(plan)
+    names = [configuration.name for _, configuration, _ in fitted]
+    rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
+    costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
+    best = _best(problem, fitted, costs[rows])
+    return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
+
+
+def _best(
+    problem: DesignProblem, measurements: Sequence[_Measurement], cost: FloatArray, together: bool = False
+) -> FloatArray:
+    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+
+    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
+    """
+    x, first = problem.guesses, measurements[0][0]
+    E, n_u = first.R.shape[1], first.R.shape[3]
+    if n_u > E:
+        raise StudyError(
+            f"excitation.flat: information needs as many experiments as motors, and there are {E} for {n_u}: with "
+            "fewer the inputs are separated by neighbouring lines, which must all be strong; take another flat, or "
+            "leave experiment.experiments out"
+        )
+    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
+    even = even_powers(cost)
+    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
+    known = problem.prior_information(x)
+    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
+    groups = [sources] if together else [[guesses] for guesses in sources]
+    cost = cost.mean(axis=0, keepdims=True) if together else cost
+    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    return np.asarray(np.sqrt(best.P / E))

@@ -13,122 +13,175 @@ estimator's own covariance is in `frf.covariance`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.design.expected_response import ExpectedResponse, friction_level
 from elastid.design.optimal_powers import PowerSource
-from elastid.excitation.grids import line_frequencies
+from elastid.design.spec import LevelSpec
+from elastid.excitation.multisine import synthesise
+from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
-from elastid.experiment.specs.disturbances import NoiseSpec
-from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.fit.problem.weights import weigh, with_diagonal_weights
+from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit
+from elastid.fit.problem.weights import Weights, weigh, with_diagonal_weights
 from elastid.fit.spec import FitSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
-from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
-from elastid.response import Covariance
+from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
 from elastid.simulation.controller import tune
 
 
-@dataclass(frozen=True)
-class NoiseLevel:
-    """The disturbances of one realisation.
+@dataclass(frozen=True, eq=False)
+class ExpectedResponse:
+    """The expected response, its model, and the weights that the fit will give to it."""
 
-    noise: of the sensors, Nm and rad.  distortion: standard deviation of G relative to |G|.  In place of the noise,
-    where given: absolute, a standard deviation of G in its unit, or variance (F, n_y, n_u) of G.
+    response: FrequencyResponse
+    model: LinearModel
+    weights: Weights
+    parameters: ParameterSet
+    fit: FitSpec
+
+    def information(self, x: FloatArray) -> FloatArray:
+        r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        fit = expected_fit([self])
+        return np.asarray(fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2))
+
+
+def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
+    """The fit of all expected responses together."""
+    responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
+    return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
+
+
+def variance_like(
+    responses: Sequence[FrequencyResponse], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
+) -> FloatArray:
+    """Variance (F, n_y, n_u) of G: geometric mean over earlier responses, between their lines.
+
+    StudyError where they have other inputs or outputs, or no variance.
     """
+    logs = []
+    for response in responses:
+        known = response.uncertainty
+        if response.inputs != inputs or response.outputs != outputs or known is None:
+            raise StudyError(
+                f"design.noise.frf: configuration {response.configuration.name} was measured from "
+                f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
+                f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
+                f"{', '.join(outputs)} with one"
+            )
+        # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
+        shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
+        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1) + shortfall
+        logs.append([np.interp(freq_hz, response.freq_hz, column) for column in log.T])
+    return np.asarray(np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs)))
 
-    noise: NoiseSpec = field(default_factory=NoiseSpec)
-    distortion: float = 0.0
-    absolute: float | None = None
-    variance: FloatArray | None = None
+
+def friction_level(
+    V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    r"""Damping d (n_u,) and E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) in K experiments, link side.
+
+    .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
+              d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
+
+    T_k: lines of the friction torque, V_k: of the motor's velocity under the multisine.  coulomb (n_u,): Nm.
+    carrier_velocity (period_samples, n_u): v_c, rad/s.  d is the best linear approximation, which the fit finds as
+    viscous friction; s depends on the phases, repeats in every period and averages over realisations only.
+    """
+    v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
+    T = np.fft.rfft(coulomb * np.sign(v), axis=1)[:, lines] * (2 / period_samples)
+    d = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
+    power = np.mean(np.abs(T - d * V) ** 2, axis=0)
+    window = np.ones(min(9, len(lines)))  # it comes from few experiments: averaged over nine lines
+    weight = np.convolve(np.ones(len(lines)), window, "same")
+    smooth = np.stack([np.convolve(column, window, "same") / weight for column in power.T], axis=1)
+    return d, smooth
 
 
 @dataclass(frozen=True, eq=False)
 class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
-    R (M, E, F, n_u): torques to be injected, in realisations that stand for all, on lines (F,) of period_samples.
-    outputs and quantity: what is estimated.  friction_is_left: in the responses, with its damping and its scatter; what
-    remains of friction that the estimator takes out is not counted.
+    plan: of one configuration, in realisations that stand for all.  realisations: unless others are asked for.  outputs
+    and quantity: what is estimated.  level, variance (F, n_y, n_u) of G: in one realisation, in place of the noise of
+    the rig.  friction_is_left: in the responses, with its damping and its scatter; what remains of friction that the
+    estimator takes out is not counted.
     """
 
     robot: Robot
     parameters: ParameterSet
     fit: FitSpec
+    model: ModelSpec
     outputs: tuple[str, ...]
     quantity: Motion
-    controller: ControllerSpec
-    carrier_velocity: FloatArray
-    level: NoiseLevel
-    lines: IntArray
-    R: ComplexArray
-    rate_hz: float
-    period_samples: int
-    periods: int
+    simulated: SimulatedSpec
+    level: LevelSpec
+    variance: FloatArray | None
+    plan: Plan
     realisations: int
-    model: ModelSpec = EXACT
-    friction_is_left: bool = True
+    carrier_velocity: FloatArray
+    friction_is_left: bool
 
     @property
-    def freq_hz(self) -> FloatArray:
-        """Frequencies (F,)."""
-        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
+    def R(self) -> ComplexArray:
+        """(M, E, F, n_u): the torques to be injected."""
+        return np.asarray(self.plan.R[0])
 
     @property
     def linearisation(self) -> Linearisation:
         """The linearisation of the fit's model."""
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
 
-    def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> ExpectedResponse:
-        """The response of a robot with parameters x (n_x,), measured in so many realisations of a configuration.
+    def expected(
+        self, configuration: Configuration, x: FloatArray, realisations: int = 0, fit: FitSpec | None = None
+    ) -> ExpectedResponse:
+        """The response of a robot with parameters x (n_x,) in a configuration, with weights as `fit` has them.
 
-        realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
+        realisations, fit: those of the prospect unless given.  StudyError where the configuration has no equilibrium.
         """
-        return self._weighed(configuration, x, realisations or self.realisations, self.fit)
-
-    def _weighed(self, configuration: Configuration, x: FloatArray, M: int, fit: FitSpec) -> ExpectedResponse:
-        """The expected response with weights as `fit` has them."""
         model, G, motion = self._local(configuration, x)
-        covariance = self._covariance(G, motion, configuration, M)
-        model = replace(model, hold=self._hold)
-        response = replace(to_response(model, self.parameters.expand(x), self.freq_hz), total=covariance)
-        return ExpectedResponse(response, model, weigh(response, fit), self.parameters, fit)
-
-    @property
-    def _hold(self) -> HeldTorque | None:
-        """The torques of the controller are held, and encoders sampled with them."""
+        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        # The torques of the controller are held, and encoders sampled with them.
         sampled = tuple(logged_quantity(place) == "position" for place in self.outputs)
-        return HeldTorque((self.rate_hz,) * len(self.robot.driven), sampled) if any(sampled) else None
+        rates = (self.plan.rate_hz,) * len(self.robot.driven)
+        model = replace(model, hold=HeldTorque(rates, sampled) if any(sampled) else None)
+        response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
+        return ExpectedResponse(response, model, weigh(response, fit or self.fit), self.parameters, fit or self.fit)
+
+    def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """H (S, n_x, n_x) for guesses x (S, n_x)."""
+        return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
         """The same, elements weighed one by one, as a function of the powers of R; friction scatters as under R.
 
         StudyError where the level of the noise does not depend on the powers.
         """
-        if self.level.absolute is not None or self.level.variance is not None:
+        if self.level.absolute is not None or self.variance is not None:
             raise StudyError(
                 "excitation.flat: information needs the noise of the simulated rig: with design.noise.absolute or frf "
                 "the variance is the same whatever is injected; drop it, or take another flat"
             )
         M = realisations or self.realisations
         _, G, motion = self._local(configuration, x)
-        expected = self._weighed(configuration, x, M, with_diagonal_weights(self.fit))
-        sensitivity = self._sensitivity(configuration, motion)
-        error = _diagonal(self._error(self._acting(sensitivity), G, motion)) / M
-        ((_, J),) = expected.problem.blocks(x)
+        expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
+        sensitivity, U = self._torques(configuration, motion)
+        error = _diagonal(self._error(U, G, motion)) / M
+        ((_, J),) = expected_fit([expected]).blocks(x)
         used = expected.weights.used
         if not np.all(error > 0):
             raise StudyError(
@@ -149,12 +202,8 @@ class Prospect:
         motors = self.robot.motor_locations
         both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
-        G = frequency_response(both, theta, self.freq_hz)
+        G = frequency_response(both, theta, self.plan.freq_hz)
         return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
-
-    def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
-        """U (M, E, F, n_u): the acting torques, those injected less the controller's reaction."""
-        return self._acting(self._sensitivity(configuration, self._local(configuration, x)[2]))
 
     def motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
         """X (M E, F, n_q): amplitude spectra of joints and motors under the multisine, rad or m; 0 for rods."""
@@ -164,9 +213,10 @@ class Prospect:
         places = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
         model = local.at(configuration, theta[:-1], [coordinates[i] for i in places], "position")
         # The motion itself, without the lags of the sensors.
-        G = frequency_response(replace(model, chain=()), theta, self.freq_hz)
-        moved = (G @ self.torques(configuration, x)[..., None])[..., 0]
-        X = np.zeros((moved.shape[0] * moved.shape[1], len(self.lines), len(coordinates)), complex)
+        G = frequency_response(replace(model, chain=()), theta, self.plan.freq_hz)
+        _, U = self._torques(configuration, self._local(configuration, x)[2])
+        moved = (G @ U[..., None])[..., 0]
+        X = np.zeros((moved.shape[0] * moved.shape[1], moved.shape[2], len(coordinates)), complex)
         X[:, :, places] = moved.reshape(*X.shape[:2], -1)
         return X
 
@@ -174,12 +224,11 @@ class Prospect:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
         level = self.level
         distortion = (level.distortion * np.abs(G)) ** 2 / M
-        if level.variance is not None:
-            return Covariance(level.variance / M + distortion, math.inf)
+        if self.variance is not None:
+            return Covariance(self.variance / M + distortion, math.inf)
         if level.absolute is not None:
             return Covariance(level.absolute**2 / M + distortion, math.inf)
-        sensitivity = self._sensitivity(configuration, motion)
-        U = self._acting(sensitivity)
+        sensitivity, U = self._torques(configuration, motion)
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         right = self._error(U, G, motion)
@@ -191,9 +240,8 @@ class Prospect:
         """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
         theta = self.parameters.expand(x)
         model = self.linearisation.at(configuration, theta[:-1], self.robot.motor_locations, self.quantity)
-        motion = frequency_response(model, theta, self.freq_hz)
-        sensitivity = self._sensitivity(configuration, motion)
-        return self._friction(self._acting(sensitivity), motion)[0]
+        motion = frequency_response(model, theta, self.plan.freq_hz)
+        return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
         """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
@@ -209,53 +257,46 @@ class Prospect:
         mean = squares[nearby].mean(axis=1)
         return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
 
-    def _acting(self, sensitivity: ComplexArray) -> ComplexArray:
-        """U (M, E, F, n_u), from (I + F G_q)^-1 (F, n_u, n_u)."""
-        return np.asarray((sensitivity @ self.R[..., None])[..., 0])
-
-    def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
-        """(I + F G_q)^-1 (F, n_u, n_u), from injected to acting torques."""
-        s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
+    def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction."""
+        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
+        angles = tuple(configuration.angles.tolist())
+        k_p, k_d, k_i = _gains(self.robot, self.model, angles, self.simulated.controller)
         F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
-        return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
+        sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
+        return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
-        coulomb = coulomb_levels(self.robot)
+        coulomb, lines = coulomb_levels(self.robot), self.plan.lines
         if not coulomb.any() or not self.friction_is_left:
-            return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
-        s = 2j * np.pi * self.freq_hz[:, None, None]
+            return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
+        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
         shafts = self.robot.mixing @ motion
         V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
-        return friction_level(
-            V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
-        )
+        V = V.reshape(-1, *V.shape[2:])
+        return friction_level(V, lines, self.plan.period_samples, coulomb, self.carrier_velocity)
 
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
-        """C_V (F, n_y, n_y) with the scatter of friction."""
-        scatter = self._friction(U, motion)[1]
-        of_shafts = G @ self.robot.mixing.T
-        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
-        return np.asarray(self._equation_error(G) + scattered)
-
-    def _equation_error(self, G: ComplexArray) -> ComplexArray:
-        """C_V (F, n_y, n_y), of the mean over the periods."""
-        noise = self.level.noise
-        hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
-        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        """C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
+        noise, freq_hz, rate_hz = self.simulated.noise, self.plan.freq_hz, self.plan.rate_hz
+        hold = np.sinc(freq_hz / rate_hz) ** 2
+        power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
         torque = (hold * power)[:, None, None]
-        omega = 2 * np.pi * self.freq_hz[:, None]
+        omega = 2 * np.pi * freq_hz[:, None]
         measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
         angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
-        return np.asarray(per_sample * (4 / (self.period_samples * self.periods)))
+        scatter = self._friction(U, motion)[1]
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + scattered)
 
     def _output_variances(self) -> FloatArray:
         """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
-        noise = self.level.noise
-        color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
+        noise = self.simulated.noise
+        color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
         is_angle = [logged_quantity(place) == "position" for place in self.outputs]
         variances = np.asarray(output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle))
         if not noise.encoder_counts:

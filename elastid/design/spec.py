@@ -32,7 +32,6 @@ class BoxSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an empty box."""
         if any(not low < high for low, high in zip(self.lower, self.upper, strict=True)):
             raise ValueError(f"box {self.name}: each number of lower must be below that of upper")
 
@@ -71,7 +70,6 @@ class CandidateSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One source of candidates; sensible numbers."""
         if (self.random is not None) + (self.grid is not None) + bool(self.given) > 1:
             raise ValueError("give only one of random, grid and given")
         if self.random is not None and self.random < 1:
@@ -99,7 +97,6 @@ class GuessSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an empty sample."""
         if self.guesses < 1 or not self.factor > 1:
             raise ValueError("guesses must be at least 1 and factor above 1")
 
@@ -121,7 +118,6 @@ class LevelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One source of the level."""
         if self.distortion < 0 or (self.absolute is not None and not self.absolute > 0):
             raise ValueError("distortion must not be negative, absolute positive")
         if self.absolute is not None and self.frf:
@@ -164,7 +160,6 @@ class DesignSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """A number of experiments, one way or the other."""
         if (self.count is None) == (self.robot_time is None):
             raise ValueError("give either count (of configurations) or robot_time (s)")
         if self.count is not None and self.count < 1:
@@ -203,14 +198,9 @@ def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec
     return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)
 
 
-def period_options(spec: DesignSpec, experiment: ExperimentSpec) -> tuple[int, ...]:
-    """The numbers of periods that a design chooses from."""
-    return spec.periods or (experiment.periods,)
-
-
 def robot_time_refusal(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> str:
     """A sentence where the robot time leaves no room for any configuration; an empty text where it does."""
-    options = period_options(spec, experiment)
+    options = spec.periods or (experiment.periods,)
     if any(room(spec, excitation, experiment, n_u, periods) >= 1 for periods in options):
         return ""
     given, shortest = len(experiment.configurations), unit_time_s(excitation, experiment, n_u, min(options))

@@ -11,10 +11,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.excitation.crest import Signals, minimise_peaks
 from elastid.excitation.grids import grid_lines
 from elastid.excitation.phases import (
     Orthogonal,
+    Signals,
+    minimise_peaks,
     newman,
     orthogonal_basis,
     random_phases,

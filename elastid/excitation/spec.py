@@ -85,7 +85,6 @@ class MultisineSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check the band against the rate, the period against the rate, amplitudes against zero."""
         samples = self.period * self.rate_hz
         for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
             if not number > 0:
@@ -113,11 +112,10 @@ class MultisineSpec:
             raise ValueError(f"torque_rms is {self.torque_rms}; it must be positive for every motor")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
-        self._check_grid()
-        self._check_phases()
+        self._check_grid_and_phases()
         self._check_information()
 
-    def _check_grid(self) -> None:
+    def _check_grid_and_phases(self) -> None:
         if not 2 <= self.group <= 100:
             raise ValueError(f"group is {self.group}; one of 2 or more lines is left out, commonly of 3 to 5")
         if not self.ratio > 1:
@@ -126,8 +124,6 @@ class MultisineSpec:
             raise ValueError(f"margin is {self.margin:g}; it is the part of each limit that stays free, 0 to 1")
         if (self.grid == "lines") != bool(self.lines):
             raise ValueError("grid: lines and a list under lines go together; give both or neither")
-
-    def _check_phases(self) -> None:
         if self.phases in _SWEEPS and self.grid not in ("full", "odd"):
             raise ValueError(f"phases: {self.phases} needs all lines or all odd lines of a band; set grid: full or odd")
         if not self.compress:

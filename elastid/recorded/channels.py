@@ -15,9 +15,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.experiment.specs.structure import Places
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.periodicity import found_period, period_samples, rounded_samples

@@ -18,9 +18,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.structure import Places
 
 UNWRAPPED = "unwrapped-angle"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.

@@ -11,10 +11,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.experiment.specs.structure import Places, channel_refusal, input_units
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes

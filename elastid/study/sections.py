@@ -13,8 +13,8 @@ from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.specs.channels import Places, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.structure import Places, Structure
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FilterSpec, FrictionSpec

@@ -24,10 +24,9 @@ from collections.abc import Callable
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.excitation.crest import Signals, crest_factors, minimise_peaks
 from elastid.excitation.grids import grid_lines, with_detection
 from elastid.excitation.multisine import orthogonal_set
-from elastid.excitation.phases import orthogonal_basis, schroeder
+from elastid.excitation.phases import Signals, crest_factors, minimise_peaks, orthogonal_basis, schroeder
 
 # Line 1 is 1 Hz.
 N = 2000

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.excitation.crest import crest_factors
 from elastid.excitation.multisine import experiments, synthesise
+from elastid.excitation.phases import crest_factors
 
 lines = np.arange(5, 120)
 amplitude = np.full((len(lines), 1), np.sqrt(2 / len(lines)))  # 1 Nm rms

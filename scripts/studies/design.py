@@ -35,7 +35,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution, ordered
-from elastid.design.candidates import draw_candidates
+from elastid.design.choice import draw_candidates
 from elastid.design.design import Design, design
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec

@@ -124,13 +124,13 @@ def studied(truth: float, seed: int) -> Outcome:
     try:
         loop = closed_loop_of(robot, experiment.as_simulated().controller, excitation.rate_hz)
         plan = make_plan(excitation, experiment, robot, seed, closed_loop=loop)
-        plan, limit_use = within_limits(plan, excitation, experiment, robot, seed)
+        plan, limit_use = within_limits(SimulatedRig(robot, experiment, plan, seed), excitation)
     except StudyError as error:
         return Outcome(nothing, nothing, str(error))
     springs = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_")}
     true = {name: value * (1 + truth * rng.uniform(-1, 1)) for name, value in springs.items()}
     rig = SimulatedRig(robot, experiment.with_truth(true), plan, seed + 10**6)
-    runs = [peaks_of_run(rig, e, *rig.rehearse(e)) for e in plan.experiments]
+    runs = [peaks_of_run(rig, rig.rehearse(e)) for e in plan.experiments]
     measured = (np.max(runs, axis=0) / limit_use.limit[0]).max(axis=1)
     return Outcome(limit_use.used[0].max(axis=1), measured)
 

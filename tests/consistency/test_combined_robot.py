@@ -14,7 +14,7 @@ from elastid.app.console import Console
 from elastid.app.overview import overview
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
-from elastid.design.candidates import draw_candidates
+from elastid.design.choice import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.hardware import filter_motions

@@ -1,12 +1,135 @@
-"""The choice of configurations: its sentence."""
+"""Candidates for a configuration: limits, singular postures, floor, boxes, and what is said where none is left."""
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from elastid.design.choice import Choice
+import numpy as np
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.design.choice import Choice, dexterity, draw_candidates
+from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
+from elastid.model.kinematics import skeleton
 from elastid.record import Configuration
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
+
+MOTOR = Motor(1e-3)
+LIMITS = Limits((-1.5, 2.0))
+ARM = Robot(
+    "arm",
+    (
+        Body("turret", "base", Placement((0, 0, 0.4)), (Joint("1", "z", motor=MOTOR),), 1.0, inertia=1.0),
+        Body("upper", "turret", joints=(Joint("2", "y", motor=MOTOR, limits=LIMITS),), mass=1.0, inertia=1.0),
+        Body("fore", "upper", Placement((0, 0, 0.5)), (Joint("3", "y", motor=MOTOR, limits=LIMITS),), 1.0, (0.5, 0, 0)),
+    ),
+)
+
+
+def _angles(spec: CandidateSpec, seed: int = 1, swing: float = 0.0) -> np.ndarray:
+    return np.array([c.angles for c in draw_candidates(spec, ARM, seed, swing).configurations])
+
+
+def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() -> None:
+    """A joint without limits turns within +-180 deg."""
+    spec = CandidateSpec(random=2000, singular=0, margin=0.0)
+    angles = _angles(spec, swing=0.1)
+    assert angles.shape == (2000, 3)
+    np.testing.assert_allclose(angles.min(axis=0), [-math.pi, -1.4, -1.4], atol=0.01)
+    np.testing.assert_allclose(angles.max(axis=0), [math.pi, 1.9, 1.9], atol=0.01)
+    np.testing.assert_array_equal(angles, _angles(spec, swing=0.1))
+    assert not np.array_equal(angles, _angles(spec, seed=2, swing=0.1))
+
+
+def test_a_grid_reaches_from_limit_to_limit() -> None:
+    """One number for all joints or one for each."""
+    assert len(_angles(CandidateSpec(grid=3, singular=0))) == 27
+    angles = _angles(CandidateSpec(grid=(1, 2, 3), singular=0, margin=0.0))
+    assert sorted(set(angles[:, 2].tolist())) == pytest.approx([-1.5, 0.25, 2.0])
+    assert set(angles[:, 0].tolist()) == {0.0}
+
+
+def test_stretched_and_overhead_postures_are_singular() -> None:
+    """Elbow stretched along the fore arm's centre of mass; that centre above axis 1; nothing in between."""
+    stretched = [0.3, 0.6, -math.pi / 2 + math.pi]
+    overhead = [0.3, -0.4636476, 0.0]
+    # Above axis 1: 0.5 sin(q2) + 0.5 cos(q2 + q3) = 0.
+    overhead = [0.3, -0.5, math.acos(math.sin(0.5)) + 0.5]
+    found = dexterity(ARM, np.array([stretched, overhead, [0.3, 0.6, -0.4]]))
+    assert found[0] < 1e-9
+    assert found[1] < 1e-9
+    assert found[2] > 0.1
+
+
+def test_planar_arms_are_not_singular_everywhere() -> None:
+    """The direction out of the plane does not count; stretched or folded they are."""
+    planar = Robot(
+        "planar",
+        (
+            Body("a", joints=(Joint("1", motor=MOTOR),), mass=1.0),
+            Body("b", "a", Placement((1, 0, 0)), (Joint("2", motor=MOTOR),), 1.0),
+            Body("c", "b", Placement((1, 0, 0)), (Joint("3", motor=MOTOR),), 1.0, (1, 0, 0)),
+        ),
+    )
+    found = dexterity(planar, np.array([[0.3, 0.0, 0.0], [0.3, 1.0, 1.0]]))
+    assert found[0] < 1e-9
+    assert found[1] > 0.1
+
+
+def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
+    """Joints, centres of mass, a given point, and points on the way between, against the skeleton's own numbers."""
+    box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
+    spec = CandidateSpec(
+        random=500, singular=0, floor=0.1, boxes=(box,), clearance=0.05, points={"fore": ((0.7, 0, 0.1),)}
+    )
+    found = draw_candidates(spec, ARM, 1)
+    kept = np.array([c.angles for c in found.configurations])
+    every = _angles(CandidateSpec(random=500, singular=0))
+
+    def is_free(angles: np.ndarray) -> bool:
+        drawn = skeleton(ARM, angles[None], spec.points)
+        points = drawn.points[0][drawn.moves]
+        joint3, tool, point = (drawn.names.index(n) for n in ("joint 3", "center of mass of fore", "point 1 of fore"))
+        way = np.linspace(0, 1, 7)[:, None]
+        for end in (tool, point):
+            along = drawn.points[0][joint3] + way * (drawn.points[0][end] - drawn.points[0][joint3])
+            points = np.concatenate([points, along])
+        upper = drawn.points[0][drawn.names.index("joint 2")]
+        points = np.concatenate([points, upper + way[1:] * (drawn.points[0][joint3] - upper)])
+        in_box = np.all((points > np.array(box.lower) - 0.05) & (points < np.array(box.upper) + 0.05), axis=1)
+        return bool(points[:, 2].min() >= 0.15 and not in_box.any())
+
+    free = np.array([is_free(one) for one in every])
+    assert 0.05 < free.mean() < 0.95
+    np.testing.assert_array_equal(kept, every[free])
+    assert sum(found.refused.values()) == 500 - len(kept)
+    assert set(found.refused) == {"reach the floor", "reach into box post"}
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (CandidateSpec(floor=2.0), "200 reach the floor.*a floor below .* m would let the highest of them in"),
+        (CandidateSpec(singular=0.99), "200 are singular.*the best of them has 0.*lower singular"),
+        (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), "reach into box all.*boxes or clearance"),
+        (CandidateSpec(given={"a": (0, 3, 0)}), "1 are outside the joints' limits.*within the limits"),
+        (CandidateSpec(given={"a": (0, 1)}), "given.a: 2 angles for 3 driven joints"),
+        (CandidateSpec(grid=(2, 2)), "grid: 2 numbers for 3 driven joints"),
+        (CandidateSpec(grid=100), "1000000 candidates; .* at most 200000"),
+        (CandidateSpec(floor=0.0, points={"hand": ((0, 0, 0),)}), "no body is called 'hand'; there are turret"),
+    ],
+)
+def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, message: str) -> None:
+    """One message each."""
+    with pytest.raises(StudyError, match=message):
+        draw_candidates(spec, ARM, 1)
+
+
+def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
+    """Nothing is left between them."""
+    with pytest.raises(StudyError, match="leave joint 2 no room"):
+        draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)
 
 
 def test_sentence_names_configurations_efficiency_and_the_gain_over_random_ones() -> None:

@@ -17,8 +17,8 @@ from elastid.app.console import Console
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.design.design import design, with_friction_damping
-from elastid.design.expected_response import friction_level
 from elastid.design.problem import DesignProblem
+from elastid.design.prospect import friction_level
 from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan

@@ -20,7 +20,6 @@ from elastid.design.forecast import QUANTITIES, LimitUse
 from elastid.design.limits import (
     limits_of,
     nearest_run,
-    nominal_rig,
     peaks_of_movement,
     peaks_of_run,
     power_costs,
@@ -48,13 +47,13 @@ def within(
     """Plan, use of the limits, and a rig of another seed that carries it out."""
     machine, spec = robot or arm(), experiment(carrier)
     excitation = replace(EXCITATION, **changes)
-    plan, limit_use = within_limits(make_plan(excitation, spec, machine, 1), excitation, spec, machine, 1)
+    plan, limit_use = within_limits(SimulatedRig(machine, spec, make_plan(excitation, spec, machine, 1), 1), excitation)
     return plan, limit_use, SimulatedRig(machine, spec, plan, 99)
 
 
 def largest(rig: SimulatedRig) -> np.ndarray:
     """Peaks (5, n_u) over all experiments."""
-    return np.max([peaks_of_run(rig, e, *rig.rehearse(e)) for e in rig.experiments], axis=0)
+    return np.max([peaks_of_run(rig, rig.rehearse(e)) for e in rig.experiments], axis=0)
 
 
 @pytest.mark.parametrize("carrier", CARRIERS, ids=["rest", "sine", "square", "offset"])
@@ -67,7 +66,7 @@ def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSp
     assert np.all(limit_use.used[0].max(axis=0) > 0.6)
     if carrier is not None and carrier.kind == "offset":
         plan = rig.plan
-        position, _ = rig.rehearse(rig.experiments[0])
+        position = rig.rehearse(rig.experiments[0]).position
         end = plan.run_samples - plan.first_sample
         assert np.all(np.diff(position[end - plan.periods * plan.period_samples : end], axis=0) > 0)
 
@@ -125,13 +124,13 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
     machine, spec = arm(), experiment()
     excitation = replace(EXCITATION, torque_rms=(30.0, 20.0))
     plan = make_plan(excitation, spec, machine, 1)
-    (cost,) = power_costs(plan, excitation, spec, machine, 1)
+    rig = SimulatedRig(machine, spec, plan, 1)
+    (cost,) = power_costs(rig, excitation)
     P = np.sum(np.abs(plan.R[0, 0]) ** 2, axis=0)
     used = np.einsum("ofl,fl->o", cost, P)
     np.testing.assert_allclose(used[:2], 1.0)
-    rig = nominal_rig(plan, spec, machine, 1)
     base = peaks_of_movement(rig, plan.experiments[0])
-    room = 0.9 * limits_of(machine, plan.configurations[0], None, plan) - base
+    room = 0.9 * limits_of(rig, plan.configurations[0]) - base
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
     S = np.einsum("foi,efi->eof", loop.stacked(("torque", "position", "velocity", "acceleration")), plan.R[0, 0])
     mean_square = (np.sum(np.abs(S) ** 2, axis=2) / 2).mean(axis=0)
@@ -142,7 +141,7 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     """plan.h5 holds plan, references and the use of the limits."""
     plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
-    run = nearest_run(plan, limit_use.nearest, experiment(CARRIERS[1]), arm(), 1)
+    run = nearest_run(SimulatedRig(arm(), experiment(CARRIERS[1]), plan, 1), limit_use.nearest)
     path, torque = tmp_path / "plan.h5", feed_forward_of(serial(arm()))
     write_plan(
         path,
@@ -165,7 +164,7 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
 def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
     """Its largest signal is the largest peak of the plan; the panels show it whole, with limits on both sides."""
     plan, limit_use, _ = within(CARRIERS[0])
-    run = nearest_run(plan, limit_use.nearest, experiment(CARRIERS[0]), arm(), 1)
+    run = nearest_run(SimulatedRig(arm(), experiment(CARRIERS[0]), plan, 1), limit_use.nearest)
     used = np.abs(run.signals).max(axis=1) / limit_use.limit[0, :4]
     assert used.max() == pytest.approx(limit_use.used.max(), rel=1e-9)
     panels = np.reshape(nearest_run_signals(run, limit_use, plan).axes, (2, 4))

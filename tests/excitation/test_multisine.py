@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.excitation.crest import crest_factors
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.excitation.multisine import (
     amplitudes,
@@ -17,6 +16,7 @@ from elastid.excitation.multisine import (
     sweep_spectrum,
     synthesise,
 )
+from elastid.excitation.phases import crest_factors
 from elastid.excitation.spec import Phases
 
 

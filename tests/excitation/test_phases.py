@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import approx_fprime
 
 from elastid.base.errors import StudyError
-from elastid.excitation.phases import hadamard, orthogonal_basis, random_phases, with_phases
+from elastid.excitation.grids import grid_lines, with_detection
+from elastid.excitation.phases import (
+    Signals,
+    _norm,
+    crest_factors,
+    hadamard,
+    minimise_peaks,
+    newman,
+    orthogonal_basis,
+    peaks,
+    random_phases,
+    schroeder,
+    with_phases,
+)
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 8, 12, 16, 20, 24])
@@ -37,3 +51,118 @@ def test_the_experiments_of_a_set_share_amplitudes_but_not_phases() -> None:
     amplitude = rng.uniform(1, 2, (12, 3))
     U = with_phases(orthogonal_basis("dft", 12, 3), amplitude, *random_phases((2, 12, 3), rng))
     np.testing.assert_allclose(np.abs(U), np.repeat(amplitude[None], 3, axis=0))
+
+
+def one_signal(lines: np.ndarray, amplitude: np.ndarray) -> Signals:
+    F = len(lines)
+    rms = np.array([np.sqrt(np.sum(amplitude**2) / 2)])
+    return Signals(lines, amplitude[None, :, None].astype(complex), np.ones((F, 1, 1), complex), rms)
+
+
+def eye(F: int, n_u: int) -> np.ndarray:
+    return np.repeat(np.eye(n_u)[None], F, axis=0).astype(complex)
+
+
+def test_crest_factor_of_a_sine_is_sqrt_two_and_of_a_pulse_train_is_high() -> None:
+    """One line: peak / RMS = sqrt 2. F lines in phase: F / sqrt(F / 2)."""
+    assert crest_factors(np.array([3]), np.array([2j])) == pytest.approx(np.sqrt(2), rel=1e-2)
+    assert crest_factors(np.arange(1, 33), np.ones(32, complex)) == pytest.approx(np.sqrt(2 * 32), rel=1e-2)
+
+
+def test_known_crest_factors_of_random_schroeder_and_newman_phases() -> None:
+    """Full grid of 31 lines: 2.86 is the median of random phases, 1.78 Schroeder's; Newman's are near those."""
+    rng, lines = np.random.default_rng(0), np.arange(1, 32)
+    crest = crest_factors(lines, np.exp(1j * random_phases((400, 31), rng)))
+    assert np.median(crest) == pytest.approx(2.858, rel=0.02)
+    assert crest_factors(lines, np.exp(1j * schroeder(np.ones(31)))) == pytest.approx(1.781, abs=2e-3)
+    assert crest_factors(lines, np.exp(1j * newman(31))) < 1.9
+
+
+@pytest.mark.parametrize("p", [4, 64])
+def test_gradient_of_the_norm_is_its_derivative(p: int) -> None:
+    """Against finite differences, for a set of two inputs seen through a response to three outputs."""
+    rng, lines = np.random.default_rng(3), np.array([1, 2, 4, 7, 8])
+    response = rng.normal(size=(5, 3, 2)) + 1j * rng.normal(size=(5, 3, 2))
+    signals = Signals(lines, orthogonal_basis("dft", 5, 2), response, np.array([1.0, 2.0, 0.5]))
+    phases = rng.uniform(0, 6, 20)
+    _, gradient = _norm(phases, signals, p, 64)
+    numeric = approx_fprime(phases, lambda x: _norm(x, signals, p, 64)[0], 1e-7)
+    np.testing.assert_allclose(gradient, numeric, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("lines", "power", "goal"),
+    [
+        pytest.param(np.arange(1, 32), 0, 1.41, id="full 31"),
+        pytest.param(
+            grid_lines("quasi-log", (1, 400), 2000, 2000, 1.11), 0, 1.87, id="quasi-log", marks=pytest.mark.slow
+        ),
+        pytest.param(np.arange(1, 65), 0, 1.41, id="full 64", marks=pytest.mark.slow),
+        pytest.param(np.arange(1, 62, 2), 0, 1.41, id="odd 31", marks=pytest.mark.slow),
+        pytest.param(np.arange(41, 141), 0, 1.48, id="band", marks=pytest.mark.slow),
+        pytest.param(
+            with_detection(np.arange(1, 400, 2), 4, np.random.default_rng(0)).excited,
+            *(0, 1.46),
+            id="odd-random",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(np.arange(1, 32), -1, 1.20, id="1/f", marks=pytest.mark.slow),
+    ],
+)
+def test_optimised_phases_reach_the_crest_factors_of_long_searches(
+    lines: np.ndarray, power: float, goal: float
+) -> None:
+    """True peaks; what peers reach at best, in a fraction of a second."""
+    signals = one_signal(lines, lines.astype(float) ** power)
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
+    assert crest_factors(lines, S).max() <= goal
+
+
+@pytest.mark.slow
+def test_all_signals_of_an_orthogonal_set_are_compressed_together() -> None:
+    """Worst of the 36 signals of six inputs: at most 1.51, where random phases have 4 and Schroeder's 1.9."""
+    lines = np.arange(1, 41)
+    signals = Signals(lines, orthogonal_basis("dft", 40, 6), eye(40, 6), np.full(6, np.sqrt(20)))
+    a, b = minimise_peaks(signals, np.random.default_rng(0))
+    U, S = signals.spectra(a, b)
+    assert crest_factors(lines, S).max() <= 1.51
+    product = U.transpose(1, 2, 0) @ U.transpose(1, 0, 2).conj()
+    np.testing.assert_allclose(product, 6 * eye(40, 6), atol=1e-10)
+
+
+@pytest.mark.slow
+def test_torque_and_velocity_are_compressed_together() -> None:
+    """Behind a resonance a flat torque of crest 1.4 has a peaky velocity; both in one cost come out below 1.75."""
+    lines = np.arange(1, 61)
+    s = 1j * lines / 20.0
+    velocity = s / (s**2 + 0.1 * s + 1)
+    both = np.stack([np.ones(60), velocity], axis=1)[:, :, None].astype(complex)
+    scale = np.sqrt(np.sum(np.abs(both[:, :, 0]) ** 2, axis=0) / 2)
+    signals = Signals(lines, np.ones((1, 60, 1), complex), both, scale)
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
+    assert crest_factors(lines, S).max() < 1.75
+    alone = one_signal(lines, np.ones(60))
+    a, b = minimise_peaks(alone, np.random.default_rng(0))
+    assert crest_factors(lines, signals.spectra(a, b)[1])[0, 1] > 2
+
+
+@pytest.mark.parametrize("n_u", [1, 2])
+def test_realisations_have_different_optimised_phases(n_u: int) -> None:
+    """However they are shifted in time or reversed; those of the same generator are the same, a design is repeated."""
+    F = 24
+    signals = Signals(np.arange(11, 35), orthogonal_basis("dft", F, n_u), eye(F, n_u), np.full(n_u, np.sqrt(F / 2)))
+
+    def realisation(seed: int) -> np.ndarray:
+        phases = minimise_peaks(signals, np.random.default_rng(seed), is_alone=False)
+        return signals.spectra(*phases)[0][0, :, 0]
+
+    first, second = realisation(1), realisation(2)
+    np.testing.assert_array_equal(first, realisation(1))
+    for other in (second, second.conj()):
+        assert np.abs(np.fft.fft(first.conj() * other, 4096)).max() < 0.8 * F
+
+
+def test_peaks_are_found_between_the_samples() -> None:
+    """The true peak of two cosines in phase is at 0, wherever the samples are."""
+    S = np.exp(-1j * np.array([5, 6]) * 0.01)
+    assert peaks(np.array([5, 6]), S) == pytest.approx(2.0, rel=5e-3)

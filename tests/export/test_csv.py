@@ -9,7 +9,7 @@ import pytest
 from plants.fitted_models import close, fitted_model, responses_of
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
 from elastid.export.csv import write_csv
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes

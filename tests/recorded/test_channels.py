@@ -16,8 +16,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record

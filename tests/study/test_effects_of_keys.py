@@ -11,8 +11,7 @@ from elastid.app import cli
 from elastid.app.compare import variants
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec, TextFormatSpec
 from elastid.fit.result import FitResult
 from elastid.linear.linear_model import elements
 from elastid.linear.linearise import linearise

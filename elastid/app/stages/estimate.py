@@ -18,9 +18,9 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import checked_configurations
+from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.responses import ResponseFileSpec
-from elastid.experiment.specs.structure import Places
+from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction

@@ -12,8 +12,8 @@ from elastid.app.work import Artefacts, Work
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Rig
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.structure import Places
 from elastid.record import FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Robot

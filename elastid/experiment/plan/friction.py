@@ -80,22 +80,17 @@ class PlannedPass:
 
 @frozen_value
 class PassReference:
-    """One pass there and back at rate_hz: position, velocity, acceleration (n,).
+    """One pass there and back at rate_hz, or a joint at rest: position, velocity, acceleration (n,).
 
-    there, back: first sample of each plateau, and the one after its last.
+    there, back: first sample of each plateau of a pass, and the one after its last.
     """
 
     rate_hz: float
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
-    there: tuple[int, int]
-    back: tuple[int, int]
-
-    @property
-    def time_s(self) -> float:
-        """How long it takes."""
-        return len(self.position) / self.rate_hz
+    there: tuple[int, int] | None = None
+    back: tuple[int, int] | None = None
 
 
 def plan_passes(
@@ -261,12 +256,9 @@ class FrictionRig(Protocol):
     @property
     def motions(self) -> tuple[PlannedMotion, ...]:
         """All motions that it can run."""
-        ...
 
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Run one motion; the same motion gives the same record, bit for bit."""
-        ...
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
         """The logs of warm-ups, one a joint that was warmed."""
-        ...

@@ -43,11 +43,6 @@ class Movement:
     acceleration: FloatArray
     scale: FloatArray
 
-    @property
-    def first(self) -> Movement:
-        """The first sample alone."""
-        return Movement(self.position[:1], self.velocity[:1], self.acceleration[:1], self.scale[:1])
-
 
 def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
     """The movement of every run of a plan, from standstill to standstill at the controller's rate."""
@@ -150,7 +145,6 @@ def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan)
 
 
 def _time(plan: Plan) -> FloatArray:
-    """Time (n,) in s from the start of the first period."""
     return np.asarray((np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz)
 
 
@@ -185,18 +179,12 @@ def reference(
 ) -> Reference:
     """The reference of one configuration."""
     path = movement(carrier, plan)
+    signals = path.position, path.velocity, path.acceleration, path.scale
     # At rest all samples are the same.
-    torque = feed_forward(configuration, path if carrier is not None else path.first)
-    return Reference(
-        configuration,
-        plan.rate_hz,
-        plan.first_sample,
-        configuration.angles + path.position,
-        path.velocity,
-        path.acceleration,
-        np.broadcast_to(torque, path.position.shape),
-        path.scale,
-    )
+    torque = feed_forward(configuration, path if carrier is not None else Movement(*(x[:1] for x in signals)))
+    position, torque = configuration.angles + path.position, np.broadcast_to(torque, path.position.shape)
+    timing = plan.rate_hz, plan.first_sample
+    return Reference(configuration, *timing, position, path.velocity, path.acceleration, torque, path.scale)
 
 
 @frozen_value

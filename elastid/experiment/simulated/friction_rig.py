@@ -1,31 +1,179 @@
 """The simulated rig of a friction study: one joint of the true robot moves in closed loop, the others are held.
 
 Passes follow their reference; loops and multisines at rest are torques under a loop so slow that friction alone holds
-the joint. Load and temperature change the friction along a motion; the temperature of a joint follows from all that it
-did before (`heating`), so that motions can be measured in any order and in any process.
+the joint. Motions can be measured in any order and in any process: `heat_of` has all that a joint did before.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.friction import FrictionPlan, PlannedMotion, PlannedWarmUp
-from elastid.experiment.simulated.friction_run import FrictionRun, heat_of, holding_torque, path_of
-from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
-from elastid.experiment.simulated.plant import Plant, check_steps, model_of, plant_of, true_robot
-from elastid.experiment.simulated.run_notes import extrapolated, torque_notes
+from elastid.experiment.plan.friction import (
+    FrictionPlan,
+    PassLimits,
+    PassReference,
+    PlannedMotion,
+    PlannedPass,
+    PlannedWarmUp,
+    pass_reference,
+    pass_time,
+    planned_pass,
+)
+from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, extrapolated, loads_of
+from elastid.experiment.simulated.plant import Plant, check_steps, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.linear.equilibrium import equilibrium
+from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.elastic import ElasticModel
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
-from elastid.simulation.closed_loop import Trajectory
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import feed_forward, tune
+
+
+@dataclass(frozen=True)
+class FrictionRun:
+    """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
+
+    motion: PlannedMotion
+    plant: Plant
+    point: OperatingPoint
+    index: int
+    path: PassReference
+    temperature: FloatArray | None
+
+    def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
+        """The motion in closed loop; DataError where the joint is lost."""
+        model, n, i = self.plant.model, len(self.path.position), self.index
+        position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        position += self.point.configuration.angles
+        position[:, i], velocity[:, i] = self.path.position, self.path.velocity
+        acceleration[:, i] = self.path.acceleration
+        injected[:, i] = 0.0 if self.motion.torque is None else self.motion.torque
+        moved = position - self.point.configuration.angles
+        torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
+        commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
+        bandwidth_hz = controller.bandwidth_hz
+        if self.motion.planned is None and self.motion.period_samples is not None:
+            # Ten times slower than the torque, so that the loop does not hold the joint against it.
+            bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
+        gains = tune(
+            model, self.point.q, bandwidth_hz, controller.damping_ratio,
+            controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
+        )  # fmt: skip
+        try:
+            return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
+        except DataError as error:
+            raise DataError(
+                f"{self.motion.name}: {error}. Raise experiment.simulated.controller.bandwidth_hz, or lower the speeds "
+                "or torques of this motion"
+            ) from None
+
+    def _friction(self) -> FloatArray:
+        """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
+        contacts, own = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
+
+        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
+            holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[moments])
+            for i, u in zip(moments, holding, strict=True):
+                loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
+                T = None if self.temperature is None else float(self.temperature[i])
+                pairs = zip(contacts.laws, loads, strict=True)
+                yield [law.curve(load, T if law.place in own else None) for law, load in pairs]
+
+        try:
+            return drifting(curves, len(self.path.position))
+        except ValueError as error:
+            raise StudyError(f"{self.motion.name}: {error}") from None
+
+
+def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
+    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    moved = np.zeros((len(position), model.n_u))
+    moved[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(moved)
+    return feed_forward(model, point.q, moved, still, still)
+
+
+@frozen_value
+class JointHeat:
+    """Of one joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
+
+    time_s: FloatArray
+    temperature: FloatArray
+    power: FloatArray
+
+    def temperature_at(self, time_s: FloatArray) -> FloatArray:
+        """degC at times (m,)."""
+        return np.interp(time_s, self.time_s, self.temperature)
+
+
+# Motion of a joint from a time to another, in s; its speeds (m,), equally likely ones, none at rest.
+_Activity: TypeAlias = tuple[float, float, FloatArray]
+
+
+def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> JointHeat:
+    r"""The temperature of a joint of the true robot over the whole plan.
+
+    .. math:: C \dot T = P - h (T - T_a), \qquad
+              T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
+
+    exact over a step of constant power. Hours are not simulated sample by sample: P of a pass, or of a warm-up between
+    its tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
+    """
+    own = next(driven for driven in robot.driven if driven.name == joint)
+    viscous = own.viscous + (own.motor.viscous * own.motor.ratio**2 if own.motor is not None else 0.0)
+    laws = [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
+    times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
+    for start, end, speed in _activities(plan, joint):
+        steps = max(1, math.ceil((end - start) / 30.0))  # s of constant power
+        for end_s in np.linspace(start, end, steps + 1)[1:].tolist():
+            T = temperatures[-1]
+            watts = [v * (viscous * v + sum(law.sliding(v, temperature=T) for law in laws)) for v in speed]
+            power = sum(watts) / max(1, len(watts))
+            fade = math.exp(-(end_s - times[-1]) / spec.time_constant)
+            times.append(end_s)
+            powers.append(power)
+            temperatures.append(spec.ambient + (T - spec.ambient) * fade + power / spec.conductance * (1 - fade))
+    return JointHeat(np.array(times), np.array(temperatures), np.array(powers))
+
+
+def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
+    limits = next(design.limits for design in plan.designs if design.joint == joint)
+    passes = [(m.start_s, m.planned) for m in plan.motions if m.joint == joint and m.planned is not None]
+    warm_up = next((warm_up for warm_up in plan.warm_ups if warm_up.joint == joint), None)
+    activities, clock = list[_Activity](), 0.0
+    for start_s, planned in passes:
+        activities += _between(clock, start_s, warm_up, limits)
+        clock = start_s + pass_time(planned, limits)
+        activities.append((start_s, clock, _speeds(planned, limits)))
+    activities += _between(clock, plan.robot_time_s, warm_up, limits)
+    return [(start, end, speed) for start, end, speed in activities if end > start]
+
+
+def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
+    rest = np.zeros(0)
+    if warm_up is None:
+        return [(start_s, end_s, rest)]
+    low = min(max(warm_up.start_s, start_s), end_s)
+    high = max(min(warm_up.start_s + warm_up.time_s, end_s), low)
+    speeds = _speeds(planned_pass(warm_up.speed, 0, limits), limits)
+    return [(start_s, low, rest), (low, high, speeds[speeds > 0]), (high, end_s, rest)]
+
+
+def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
+    velocity = np.abs(pass_reference(planned, limits, 100.0).velocity)
+    return np.quantile(velocity, (np.arange(16) + 0.5) / 16)
 
 
 @dataclass(frozen=True)
@@ -42,7 +190,6 @@ class SimulatedFrictionRig:
     seed: int
 
     def __post_init__(self) -> None:
-        """Check truth and heat."""
         true_robot(self.robot, self.simulated.truth)
         if self.plan.warm_ups and self.simulated.heat is None:
             raise StudyError(
@@ -64,10 +211,9 @@ class SimulatedFrictionRig:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
         run, number = self._run(motion), [planned.name for planned in self.motions].index(motion.name)
         model = run.plant.model
-        noise = draw_noise(
-            self.simulated.noise, run.path.n_samples, self.plan.rate_hz, model.n_u, model.inputs, (self.seed, number)
-        )
-        trajectory = run.simulated(self.simulated.controller, self.plan.rate_hz, noise)
+        n, rate_hz, seed = len(run.path.position), self.plan.rate_hz, (self.seed, number)
+        noise = draw_noise(self.simulated.noise, n, rate_hz, model.n_u, model.inputs, seed)
+        trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
         return self._record(run, trajectory, noise, self._thermometer(run, number))
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
@@ -77,29 +223,33 @@ class SimulatedFrictionRig:
     def _run(self, motion: PlannedMotion) -> FrictionRun:
         index = [joint.name for joint in self.robot.driven].index(motion.joint)
         limits = next(design.limits for design in self.plan.designs if design.joint == motion.joint)
-        path = path_of(motion, limits, float(motion.configuration.angles[index]), self.plan.rate_hz)
-        plant = self._plant(motion.payload)
+        if motion.planned is not None:
+            path = pass_reference(motion.planned, limits, self.plan.rate_hz)
+        else:
+            still = np.zeros(1 if motion.torque is None else len(motion.torque))
+            path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
+        robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
+        plant = true_plant(robot, self.simulated, self.plan.rate_hz, samples)
         start = motion.configuration.moved(index, float(path.position[0]))
         point = equilibrium(plant.model, plant.model.theta, start)
         check_steps(plant, point, self.simulated.substeps, self.plan.rate_hz, "friction.rate_hz")
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
-            temperature = heat.temperature_at(motion.start_s + np.arange(path.n_samples) / self.plan.rate_hz)
+            temperature = heat.temperature_at(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz)
         return FrictionRun(motion, plant, point, index, path, temperature)
-
-    def _plant(self, payload: float) -> Plant:
-        spec = self.simulated
-        robot = true_robot(with_point_mass(self.robot, payload), spec.truth)
-        hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        samples = round(self.plan.robot_time_s * self.plan.rate_hz) if spec.compiled else 0
-        return plant_of(robot, spec.model, self.plan.rate_hz, spec.substeps, *hardware, samples)
 
     def _record(
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
-        """The log; of a periodic torque without its first period, in which it settles."""
         motion, path, i = run.motion, run.path, run.index
+        contacts, T = run.plant.loop.contacts, run.temperature
+        loads = loads_of(contacts, run.plant.model.robot, run.point)
+        temperatures = () if T is None else (float(T.min()), float(T.max()))
+        notes = (
+            *_torque_notes(trajectory.u[:, i], run.plant, i, motion.name),
+            *extrapolated(contacts, trajectory.q, self.plan.rate_hz, loads, temperatures),
+        )
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned
         return FrictionRecord(
@@ -125,22 +275,14 @@ class SimulatedFrictionRig:
             is_warm_up=motion.is_warm_up,
             place=motion.name,
             slides=self.robot.driven[i].slides,
-            notes=self._notes(run, trajectory),
-        )
-
-    def _notes(self, run: FrictionRun, trajectory: Trajectory) -> tuple[Note, ...]:
-        contacts, T = run.plant.loop.contacts, run.temperature
-        loads = loads_of(contacts, run.plant.model.robot, run.point)
-        temperatures = () if T is None else (float(T.min()), float(T.max()))
-        return (
-            *torque_notes(trajectory.u[:, run.index], run.plant, run.index, run.motion.name),
-            *extrapolated(contacts, trajectory.q, self.plan.rate_hz, loads, temperatures),
+            notes=notes,
         )
 
     def _load_torque(self, run: FrictionRun) -> float:
         """Mean |holding torque| of the nominal robot over the plateaus: what is known, not what is true."""
         model = model_of(with_point_mass(self.robot, run.motion.payload))
-        sliding = run.path.sliding
+        windows = [window for window in (run.path.there, run.path.back) if window is not None]
+        sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
@@ -175,3 +317,20 @@ class SimulatedFrictionRig:
             spec.ambient,
             float(heat.temperature[places[0]]),
         )
+
+
+def _torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[Note, ...]:
+    """A note where the torque u (n,) of the motor that a friction study moves was clipped, or beyond its limit."""
+    joint, drive = plant.model.robot.driven[index], float(plant.loop.drives.torque[index])
+    unit, peak, limit = "N" if joint.slides else "N*m", float(np.abs(u).max()), joint.limits.torque
+    if peak >= drive:
+        share = float(np.mean(np.abs(u) >= drive))
+        text = (
+            f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples: its level is "
+            "not that of friction; lower the highest speed, or choose a posture with less gravity torque"
+        )
+        return (Note("clipped-torque", text, f"{motion}, motor {joint.name}"),)
+    if peak > limit:
+        text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower the highest speed"
+        return (Note("beyond-limit", text, f"{motion}, motor {joint.name}"),)
+    return ()

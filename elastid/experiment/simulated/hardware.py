@@ -12,13 +12,14 @@ rate, 2e-3 up to a fifth.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
+from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.experiment.specs.simulated import saturation_refusal
@@ -188,48 +189,77 @@ def friction_of_a_run(
     The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
     coefficients that no friction law has.
     """
-    loads = loads_of(contacts, robot, point)
+    pairs = list(zip(contacts.laws, loads_of(contacts, robot, point), strict=True))
     try:
         if warming is None:
-            return _numbers([law.curve(load) for law, load in zip(contacts.laws, loads, strict=True)])
+            return np.concatenate([np.zeros(0), *(law.curve(load) for law, load in pairs)])
         n = plan.run_samples
         index = [planned.name for planned in plan.experiments].index(run.name)
         t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
         cold = np.exp(-t / warming.time_constant)
         level = 1 + warming.amplitude * cold
-        ends = warming.temperature
-        # They change slowly: computed at a hundred moments and interpolated linearly.
-        moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
-        knots = np.array([
-            _numbers([
-                law.curve(load, None if ends is None else ends[1] + (ends[0] - ends[1]) * cold[i], level[i])
-                for law, load in zip(contacts.laws, loads, strict=True)
-            ])
-            for i in moments
-        ])  # fmt: skip
+        start, end = warming.temperature or (0.0, 0.0)
+        T = None if warming.temperature is None else end + (start - end) * cold
+
+        def curves(moments: IntArray) -> Iterator[list[FloatArray]]:
+            for i in moments:
+                yield [law.curve(load, None if T is None else T[i], level[i]) for law, load in pairs]
+
+        return drifting(curves, n)
     except ValueError as error:
         raise StudyError(f"configuration {run.configuration.name}: {error}") from None
-    return np.stack([np.interp(np.arange(n), moments, column) for column in knots.T], axis=1).reshape(n, -1)
 
 
-def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate([np.zeros(0), *curves])
+def drifting(curves: Callable[[IntArray], Iterable[Sequence[FloatArray]]], n: int) -> FloatArray:
+    """Friction coefficients (n, 9 n_f) that change slowly: straight lines between those of a hundred samples."""
+    knots = np.unique(np.linspace(0, n - 1, 100).astype(int))
+    table = np.array([np.concatenate([np.zeros(0), *row]) for row in curves(knots)])
+    return np.array([np.interp(np.arange(n), knots, column) for column in table.T]).reshape(-1, n).T
 
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
-    """The load in Nm, link side, on each contact at an operating point."""
-    return [_load(robot, law.place, point) for law in contacts.laws]
+    """The load in Nm, link side, on each contact: the holding torque of a driven joint, the spring's of another."""
+    driven, loads = [joint.name for joint in robot.driven], list[float]()
+    for law in contacts.laws:
+        name = law.place.split(" ", 1)[1]
+        index, joint = next((i, joint) for i, joint in enumerate(robot.joints) if joint.name == name)
+        held = 0.0 if joint.spring is None else joint.spring.stiffness * point.q[index]
+        loads.append(float(abs(point.u[driven.index(name)] if name in driven else held)))
+    return loads
 
 
-def _load(robot: Robot, place: str, point: OperatingPoint) -> float:
-    """Load in Nm on friction at a place: the holding torque of a driven joint, the spring's of another."""
-    name = place.split(" ", 1)[1]
-    driven = [joint.name for joint in robot.driven]
-    if name in driven:
-        return float(abs(point.u[driven.index(name)]))
-    index = [joint.name for joint in robot.joints].index(name)
-    spring = robot.joints[index].spring
-    return 0.0 if spring is None else float(abs(spring.stiffness * point.q[index]))
+def extrapolated(
+    contacts: Contacts, q: FloatArray, rate_hz: float, loads: Sequence[float], temperatures: Sequence[float]
+) -> tuple[Note, ...]:
+    """A note for every friction law that a run q (n, n_q) takes beyond the range in which its numbers were measured.
+
+    loads: of each law in Nm, link side.  temperatures: degC that the run has, none where it has no temperature.
+    """
+    fastest = np.abs(np.diff(q @ contacts.P, axis=0)).max(axis=0, initial=0.0) * rate_hz
+    notes = []
+    for law, speed, load in zip(contacts.laws, fastest.tolist(), loads, strict=True):
+        measured = law.spec.measured
+        if measured is None:
+            continue
+        torque, velocity = ("N", "m/s") if law.slides else ("N*m", "rad/s")
+        # A reversing motion passes every lower speed.
+        slowest = max(0.0, measured.speed[0]) if measured.speed is not None else 0.0
+        ranges = [
+            ("speed", slowest, max(slowest, speed * law.scale), velocity),
+            ("load", abs(load) / law.scale, abs(load) / law.scale, torque),
+        ]
+        if temperatures:
+            ranges.append(("temperature", min(temperatures), max(temperatures), "degC"))
+        for name, lowest, highest, unit in ranges:
+            if measured.beyond(name, lowest, highest):
+                ends = getattr(measured, name)
+                reached = lowest if lowest < ends[0] else highest
+                text = (
+                    f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run goes "
+                    f"to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there"
+                )
+                notes.append(Note("friction-extrapolated", text, law.place))
+    return tuple(notes)
 
 
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:

@@ -19,10 +19,10 @@ from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.experiment.plan.movement import FeedForward, Movement
-from elastid.experiment.plan.torque_spectra import ClosedLoopResponse, PredictClosedLoop
+from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippleSpec
-from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.linear.linear_model import torque_elements
@@ -92,6 +92,13 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples))
 
 
+def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int) -> Plant:
+    """The plant of a section `simulated`, with its truth; samples: of the whole plan."""
+    hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
+    robot = true_robot(robot, spec.truth)
+    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples if spec.compiled else 0)
+
+
 def exact_plant(
     robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False
 ) -> tuple[Plant, OperatingPoint]:
@@ -112,7 +119,6 @@ def exact_plant(
 
 
 def _least_substeps(rate: float, rate_hz: float) -> int:
-    """Runge-Kutta steps in a sample for a pole of `rate` 1/s."""
     return max(1, math.ceil(rate / rate_hz / MAX_STEP_RATE))
 
 

@@ -13,11 +13,13 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.plan.movement import Reference, check_movement, reference
+from elastid.base.units import of_translation
+from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,
+    extrapolated,
     filter_motions,
     friction_of_a_run,
     loads_of,
@@ -25,18 +27,35 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, plant_of, true_robot
-from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
+from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
+from elastid.simulation.baumgarte import violation
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_path, tune
+
+# Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
+MAX_VIOLATION_M = 1e-6  # between the ends of a loop
+MAX_CLIPPED_SHARE = 0.5  # of the measured samples, beyond which a motor cannot control the robot
+
+
+@dataclass(frozen=True)
+class _Run:
+    """An experiment on a robot: its rest, the reference and the gains of its controller, and all noise."""
+
+    experiment: Experiment
+    plant: Plant
+    point: OperatingPoint
+    given: Reference
+    gains: Gains
+    noise: Noise
 
 
 @dataclass(frozen=True)
@@ -45,12 +64,9 @@ class SimulatedRig:
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: commanded torques as logged, held from sample to sample.  y: positions, of a motor as its encoder reads it, of a
-    body as its (small) angle from the equilibrium; accelerations of points (`sensors`).  Under a
-    carrier of constant velocity both are about the planned movement, which does not repeat: its angles, accelerations
-    and torque are taken out of the log.
-
-    Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
-    leaves the joints' limits.
+    body as its (small) angle from the equilibrium; accelerations of points.  Under a carrier of constant velocity both
+    are about the planned movement, which does not repeat: its angles, accelerations and torque are taken out.
+    StudyError where the robot has other motors than the plan, or the carrier meets the excitation or leaves the limits.
     """
 
     robot: Robot
@@ -59,7 +75,6 @@ class SimulatedRig:
     seed: int
 
     def __post_init__(self) -> None:
-        """Check plan, robot and section against each other."""
         true_robot(self.robot, self.simulated.truth)
         if self.plan.inputs != self.robot.motor_locations:
             raise StudyError(
@@ -90,16 +105,17 @@ class SimulatedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
-        plant, point, given = self._prepared(experiment)
-        noise = self._noise(experiment)
-        trajectory = self._moved(plant, point, self._gains(plant, point), given, experiment, noise, 1.0, self._end)
+        run = self._prepared(experiment)
+        plant, spec, trajectory = run.plant, self.simulated, self._moved(run, 1.0, self._end)
+        warming = None if spec.warming is None else spec.warming.temperature
+        loads = loads_of(plant.loop.contacts, plant.model.robot, run.point)
         notes = (
-            *clipped(trajectory.u[self._measured], plant, experiment),
-            *exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
-            *opened(plant.model, trajectory),
-            *self._extrapolated(plant, point, trajectory),
+            *_clipped(trajectory.u[self.measured], plant, experiment),
+            *_exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
+            *_opened(plant.model, trajectory),
+            *extrapolated(plant.loop.contacts, trajectory.q, self.plan.rate_hz, loads, warming or ()),
         )
-        return self._record(experiment, plant, point, given, trajectory, noise, notes)
+        return self._record(run, trajectory, notes)
 
     def follow(self, experiment: Experiment, robot: Robot, spec: ModelSpec = EXACT) -> Record:
         """The run of another robot under this rig's controller: its gains, its reference and its torques, no noise.
@@ -109,11 +125,9 @@ class SimulatedRig:
         """
         simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
         quiet = replace(self, spec=replace(self.spec, simulated=simulated))
-        own, rest, given = self._prepared(experiment)
         plant, point = exact_plant(robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation)
-        noise = quiet._noise(experiment)
-        trajectory = quiet._moved(plant, point, self._gains(own, rest), given, experiment, noise, 1.0, self._end)
-        return quiet._record(experiment, plant, point, given, trajectory, noise, ())
+        run = replace(self._prepared(experiment), plant=plant, point=point, noise=quiet._noise(experiment))
+        return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
 
     @property
     def _end(self) -> int:
@@ -121,29 +135,20 @@ class SimulatedRig:
         return self.plan.run_samples - self.plan.first_sample
 
     @property
-    def _measured(self) -> slice:
+    def measured(self) -> slice:
+        """The samples of a run in the measured periods."""
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
-    def _record(
-        self,
-        experiment: Experiment,
-        plant: Plant,
-        point: OperatingPoint,
-        given: Reference,
-        trajectory: Trajectory,
-        noise: Noise,
-        notes: tuple[Note, ...],
-    ) -> Record:
-        """The log of a run."""
-        plan, end, measured = self.plan, self._end, self._measured
-        setup = (plant.model, point.q, self.outputs, plan.rate_hz, plan.period_samples)
+    def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
+        plan, end, measured = self.plan, self._end, self.measured
+        experiment, noise, given, robot = run.experiment, run.noise, run.given, run.plant.model.robot
+        setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
-        y = filter_motions(plant.model.robot, y, plan.rate_hz)
+        y = filter_motions(robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
-        chain = plant.model.robot.chain
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -154,90 +159,101 @@ class SimulatedRig:
             inputs=plan.inputs,
             outputs=self.outputs,
             quantities=tuple(logged_quantity(place) for place in self.outputs),
-            u=u[measured] * [chain.gain("u", place) for place in plan.inputs],
-            y=y[measured] * [chain.gain("y", place) for place in self.outputs],
+            u=u[measured] * [robot.chain.gain("u", place) for place in plan.inputs],
+            y=y[measured] * [robot.chain.gain("y", place) for place in self.outputs],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=notes,
             hold="zero-order",
             sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
 
-    def _extrapolated(self, plant: Plant, point: OperatingPoint, trajectory: Trajectory) -> tuple[Note, ...]:
-        sliding, warming = plant.loop.contacts, self.simulated.warming
-        temperatures = () if warming is None or warming.temperature is None else warming.temperature
-        loads = loads_of(sliding, plant.model.robot, point)
-        return extrapolated(sliding, trajectory.q, self.plan.rate_hz, loads, temperatures)
-
-    def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
-        """Motor angles and torques (n, n_u) of a whole run, ramps and holds included, the multisine times `factor`.
+    def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
+        """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
-        plant, point, given = self._prepared(experiment)
-        noise = self._noise(experiment)
-        gains = self._gains(plant, point)
-        trajectory = self._moved(plant, point, gains, given, experiment, noise, factor, self.plan.run_samples)
-        return trajectory.q @ plant.model.B, trajectory.u
+        run = self._prepared(experiment)
+        trajectory = self._moved(run, factor, self.plan.run_samples)
+        position = trajectory.q @ run.plant.model.B
+        return Rehearsal(experiment, self.plan.rate_hz, self.plan.first_sample, position, trajectory.u)
 
     def _noise(self, experiment: Experiment) -> Noise:
-        plan = self.plan
-        seed = (self.seed, *_indices(plan, experiment))
+        plan, q = self.plan, [c.name for c in self.plan.configurations].index(experiment.configuration.name)
+        seed = (self.seed, q, experiment.realisation, experiment.experiment)
         return draw_noise(self.simulated.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
 
-    def _prepared(self, experiment: Experiment) -> tuple[Plant, OperatingPoint, Reference]:
-        """The true robot, its equilibrium, and the reference of its controller."""
+    def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
-        hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        samples = len(self.plan.experiments) * self.plan.run_samples if spec.compiled else 0
-        robot = true_robot(self.robot, spec.truth)
-        plant = plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples)
+        plant = true_plant(self.robot, spec, rate_hz, len(self.plan.experiments) * self.plan.run_samples)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
         check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
-        torque = feed_forward_of(plant.model)
-        return plant, point, reference(self.plan, spec.carrier, torque, experiment.configuration)
+        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), experiment.configuration)
+        loop = spec.controller
+        gains = tune(plant.model, point.q, loop.bandwidth_hz, loop.damping_ratio, loop.velocity_integral_time)
+        return _Run(experiment, plant, point, given, gains, self._noise(experiment))
 
-    def _gains(self, plant: Plant, point: OperatingPoint) -> Gains:
-        """Of the controller, which knows the inertia of this plant."""
-        spec = self.simulated.controller
-        integral_time = spec.velocity_integral_time
-        return tune(plant.model, point.q, spec.bandwidth_hz, spec.damping_ratio, integral_time)
-
-    def _moved(
-        self,
-        plant: Plant,
-        point: OperatingPoint,
-        gains: Gains,
-        given: Reference,
-        experiment: Experiment,
-        noise: Noise,
-        factor: float,
-        n: int,
-    ) -> Trajectory:
-        """The first n samples of a run, from rest where the reference begins."""
-        spec, q0 = self.simulated, point.q
-        sliding = plant.loop.contacts
-        curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment)
+    def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
+        """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
+        plant, point, given, noise, experiment = run.plant, run.point, run.given, run.noise, run.experiment
+        robot, warming = plant.model.robot, self.simulated.warming
+        curves = friction_of_a_run(plant.loop.contacts, robot, point, warming, self.plan, experiment)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        (start,) = rigid_path(plant.model, q0, experiment.configuration.angles, given.position[:1])
-        return _run(plant.loop, gains, commands, start, curves[:n] if curves.ndim > 1 else curves, experiment)
+        (start,) = rigid_path(plant.model, point.q, experiment.configuration.angles, given.position[:1])
+        try:
+            return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
+        except DataError as error:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
+                "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
+            ) from None
 
 
-def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
-    names = [configuration.name for configuration in plan.configurations]
-    return names.index(experiment.configuration.name), experiment.realisation, experiment.experiment
+def _clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
+    """A note for every motor whose measured torque u (n, n_u) was clipped; DataError where most of it was."""
+    part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
+    notes = []
+    for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
+        unit = "N" if plant.model.robot.slides(name) else "N*m"
+        if share > MAX_CLIPPED_SHARE:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
+                "measured samples and cannot control the robot; lower excitation.torque_rms, choose a configuration "
+                "with less gravity torque, or correct limits.torque"
+            )
+        if share > 0:
+            text = (
+                f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured samples: "
+                "the response is no longer linear; lower excitation.torque_rms"
+            )
+            notes.append(Note("clipped-torque", text, f"{experiment.name}, {name}"))
+    return tuple(notes)
 
 
-def _run(
-    loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, curves: FloatArray, experiment: Experiment
-) -> Trajectory:
-    try:
-        return simulate(loop, gains, commands, q0, curves)
-    except DataError as error:
-        raise DataError(
-            f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-            f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
-            "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
-        ) from None
+def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
+    """A note for every motor that went beyond its limits; the simulation does not clip."""
+    velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
+    torque, speed = np.abs(trajectory.u).max(axis=0), np.abs(velocity).max(axis=0)
+    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
+    notes = []
+    for joint, *peaks in zip(robot.driven, torque, speed, acceleration, strict=True):
+        limits = joint.limits.torque, joint.limits.velocity, joint.limits.acceleration
+        for peak, limit, turning in zip(peaks, limits, ("N*m", "rad/s", "rad/s^2"), strict=True):
+            unit = of_translation(turning) if joint.slides else turning
+            if peak > limit:
+                text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower excitation.torque_rms"
+                notes.append(Note("beyond-limit", text, f"motor {joint.name}"))
+    return tuple(notes)
+
+
+def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
+    """A note where the loops did not stay closed."""
+    left = violation(model, trajectory.q)
+    if left <= MAX_VIOLATION_M:
+        return ()
+    text = f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
+    return (Note("loops-opened", text + "experiment.simulated.substeps"),)

@@ -8,14 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.section import Key, section
-from elastid.base.units import (
-    Acceleration,
-    Angle,
-    Frequency,
-    Temperature,
-    Time,
-    Torque,
-)
+from elastid.base.units import Acceleration, Angle, Frequency, Temperature, Time, Torque
 
 
 @section
@@ -38,7 +31,6 @@ class ColoredNoiseSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """A corner or a table."""
         if not self.std > 0:
             raise ValueError(f"std is {self.std:g}; it must be positive")
         if (self.corner_hz is None) == (not self.table):
@@ -73,7 +65,6 @@ class EncoderRippleSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Whole periods a turn."""
         if self.periods < 1:
             raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
 
@@ -93,7 +84,6 @@ class TorqueRippleSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Whole periods a turn."""
         if self.periods < 1:
             raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
 
@@ -118,7 +108,6 @@ class WarmingSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse friction that pushes."""
         if not self.time_constant > 0:
             raise ValueError(f"time_constant is {self.time_constant:g} s; it must be positive")
         if not self.amplitude > -1:
@@ -165,7 +154,6 @@ class NoiseSpec:
         return total
 
     def __post_init__(self) -> None:
-        """Refuse negative spreads."""
         levels = (self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts, self.acceleration_std)
         if min(levels) < 0:
             raise ValueError("noise levels must not be negative")

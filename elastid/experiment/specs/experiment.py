@@ -10,8 +10,7 @@ from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.recorded import RecordedSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 
 # More are taken for a typing error.
@@ -60,7 +59,6 @@ class ExperimentSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Exactly one kind; counts that give a variance."""
         if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
             raise ValueError("give exactly one of simulated, recorded and responses")
         for name, number, least in (
@@ -88,13 +86,9 @@ class ExperimentSpec:
     @property
     def kind(self) -> Literal["simulated", "recorded", "responses"]:
         """The key of that section, which decides the stages of a study."""
-        match self.rig:
-            case SimulatedSpec():
-                return "simulated"
-            case RecordedSpec():
-                return "recorded"
-            case ResponsesSpec():
-                return "responses"
+        if self.simulated is not None:
+            return "simulated"
+        return "responses" if self.recorded is None else "recorded"
 
     @property
     def channels(self) -> tuple[ChannelSpec, ...]:

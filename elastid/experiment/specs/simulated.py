@@ -47,7 +47,6 @@ class HeatSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a joint without heat capacity, or one that nothing cools."""
         if not self.conductance > 0 or not self.time_constant > 0:
             raise ValueError(
                 f"conductance is {self.conductance:g} W/K and time_constant {self.time_constant:g} s; both must be "
@@ -83,7 +82,6 @@ class ControllerSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a loop that cannot hold the robot."""
         if not self.bandwidth_hz > 0 or not self.damping_ratio > 0:
             raise ValueError("bandwidth_hz and damping_ratio must be positive")
         if self.kind == "pd" and self.integral_time is not None:
@@ -129,7 +127,6 @@ class CarrierSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a carrier that does not move."""
         if (self.kind == "sine") != (self.amplitude is not None) or (self.kind == "sine") == (
             self.velocity is not None
         ):
@@ -195,7 +192,6 @@ class SimulatedSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a simulation without steps, and outputs that would count twice."""
         if len(set(self.outputs)) < len(self.outputs):
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
         if self.substeps < 1:

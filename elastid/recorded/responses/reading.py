@@ -17,9 +17,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.responses import ResponsesSpec
-from elastid.experiment.specs.structure import Places, input_units
+from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
+from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog

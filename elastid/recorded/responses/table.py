@@ -21,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.experiment.specs.structure import Places
+from elastid.experiment.specs.channels import Places
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study

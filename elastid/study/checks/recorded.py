@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
-from elastid.experiment.specs.structure import channel_refusal
+from elastid.experiment.specs.channels import ChannelSpec, channel_refusal
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.files.formats import is_log
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem

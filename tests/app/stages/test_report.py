@@ -12,7 +12,7 @@ from elastid.app.cli import run_command
 from elastid.app.scaffold import TRUTH
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.structure import shake, true_modes
-from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store.measured import read_responses
 from elastid.study import load
@@ -175,7 +175,7 @@ def test_contradictions_name_their_remedy(bench: Path, override: str, says: str)
 @pytest.mark.parametrize(("quantity", "unit"), [("voltage", "V"), ("current", "A"), ("current", "mA")])
 def test_what_drives_a_structure_may_be_electric(bench: Path, quantity: str, unit: str) -> None:
     """The response is then per volt or ampere, and the other input keeps its unit."""
-    from elastid.experiment.specs.structure import input_units
+    from elastid.experiment.specs.channels import input_units
 
     study = load(bench / "study.yml", (f"{CHANNEL}.0.quantity={quantity}", f"{CHANNEL}.0.unit={unit}")).study
     channels = study.experiment.as_recorded().channels

@@ -10,7 +10,7 @@ import pytest
 from plants.friction_axis import LAW, axis, rig
 
 from elastid.base.errors import StudyError
-from elastid.experiment.simulated.friction_run import heat_of, holding_torque
+from elastid.experiment.simulated.friction_rig import heat_of, holding_torque
 from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
 from elastid.experiment.specs.simulated import HeatSpec
 from elastid.friction_study.levels import find_levels

@@ -246,7 +246,7 @@ def test_encoders_ripple_with_the_motors_turns() -> None:
     for ratio in (80.0, -80.0):
         simulated = rig(arm(ratio=ratio), SimulatedSpec(encoder_ripple=(EncoderRippleSpec(1e-3, 2, 0.4),)), rms=600.0)
         run, design = simulated.experiments[0], simulated.plan
-        angle = simulated.rehearse(run)[0][design.run_samples - design.first_sample - 4000 :][:4000, 0]
+        angle = simulated.rehearse(run).position[design.run_samples - design.first_sample - 4000 :][:4000, 0]
         ripple = 1e-3 / 80 * np.sin(2 * ratio * angle + 0.4)
         assert np.ptp(ripple) > 1e-5
         np.testing.assert_allclose(simulated.measure(run).y[:, 0] - angle, ripple, atol=1e-12)

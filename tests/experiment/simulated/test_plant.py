@@ -29,7 +29,8 @@ def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), spec, machine, 0)
     rig = SimulatedRig(machine, spec, plan, 0)
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
-    position, torque = rig.rehearse(rig.experiments[1])
+    rehearsal = rig.rehearse(rig.experiments[1])
+    position, torque = rehearsal.position, rehearsal.torque
     last = slice(plan.first_sample + 6 * 500, plan.first_sample + 7 * 500)
     R = plan.R[0, 0, 1]
     for signal, T in ((position, loop.position), (torque, loop.torque)):

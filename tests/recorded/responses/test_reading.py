@@ -23,7 +23,7 @@ from elastid.app.scaffold import new
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance, FrequencyResponse, in_quantity
