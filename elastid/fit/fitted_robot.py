@@ -9,9 +9,9 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import index_of
+from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import group_labels
 from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation

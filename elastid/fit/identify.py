@@ -13,28 +13,30 @@ from collections.abc import Sequence
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.fit.assembly import Assembly, RelinearisedOptimum, relinearise
+from elastid.fit.checks import (
+    check_effects,
+    check_geometry,
+    check_responses,
+    check_scale,
+    find_contradictions,
+    find_copies,
+    find_same_postures,
+)
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.status import at_bound
+from elastid.fit.intervals import add_intervals
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.weights import check_factors
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise
-from elastid.fit.setup.parameter_checks import check_effects, check_geometry, check_scale
-from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.setup.response_checks import (
-    check_responses,
-    find_contradictions,
-    find_copies,
-    find_same_postures,
-)
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.uncertainty.intervals import add_intervals
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet

@@ -25,13 +25,13 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
+from elastid.fit.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
 from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import FitResult, ModificationIndex
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
-from elastid.fit.uncertainty.covariance import Uncertainty
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 

@@ -17,6 +17,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.fit.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.configurations import LIMITS
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
@@ -37,8 +39,6 @@ from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult, ModificationIndex
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
-from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 

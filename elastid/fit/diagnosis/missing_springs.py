@@ -29,13 +29,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
+from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
-from elastid.fit.setup.assembly import Assembly
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.hold_images import factor

@@ -37,9 +37,9 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
+from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import Part, at_measured_places
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
-from elastid.fit.setup.assembly import Assembly
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel

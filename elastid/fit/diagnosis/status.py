@@ -23,9 +23,9 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
+from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status
-from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 
 

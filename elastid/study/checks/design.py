@@ -8,7 +8,7 @@ from pathlib import Path
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.design.spec import CandidateSpec, DesignSpec, interest, robot_time_refusal
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study

@@ -11,7 +11,7 @@ from elastid.excitation.grids import line_count_refusal
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.simulated import carrier_refusal
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.study.checks.names import check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study

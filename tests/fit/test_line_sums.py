@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.line_sums import (
+from elastid.fit.line_sums import (
     MAX_BANDS,
     MIN_BANDS,
     Blocks,
@@ -17,6 +16,7 @@ from elastid.fit.uncertainty.line_sums import (
     disagreement,
     jackknife_variance,
 )
+from elastid.fit.result import is_in_error
 
 F, N_X, SETS = 240, 3, 400
 

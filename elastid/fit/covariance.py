@@ -39,11 +39,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
-from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.shared_bias import find_factors
-from elastid.fit.problem.weights import Weights
-from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.line_sums import (
+from elastid.fit.line_sums import (
     LineSums,
     block_variance,
     correlation_length,
@@ -51,6 +47,10 @@ from elastid.fit.uncertainty.line_sums import (
     jackknife_variance,
     sum_lines,
 )
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.shared_bias import find_factors
+from elastid.fit.problem.weights import Weights
+from elastid.fit.result import is_in_error
 from elastid.response import FrequencyResponse
 
 
