@@ -66,10 +66,14 @@ class InformationShares:
     weakest: FloatArray
 
 
-def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest: FloatArray) -> InformationShares:
-    """The shares of all configurations and the band of each parameter; A_inverse (n_x, n_x)
-    over the directions that the data reach."""
-    power = [_by_line(part, A_inverse) for part in parts]
+def information_shares(
+    parts: Sequence[LineSums], A_inverse: FloatArray, weakest: FloatArray, n_x: int
+) -> InformationShares:
+    """The shares of all configurations and the band of the first n_x parameters, by `inverse_information`."""
+    power = []  # [A^-1 A_k A^-1]_ii (F, n_x) of each line
+    for part in parts:
+        moved = (part.rows @ A_inverse) ** 2
+        power.append(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
@@ -79,13 +83,7 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
-    return InformationShares(np.array([own / total for own in sums]), band, weakest)
-
-
-def _by_line(part: LineSums, A_inverse: FloatArray) -> FloatArray:
-    """[A^-1 A_k A^-1]_ii (F, n_x) of each line."""
-    moved = (part.rows @ A_inverse) ** 2
-    return np.asarray(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
+    return InformationShares(np.array([own / total for own in sums])[:, :n_x], band[:n_x], weakest[:n_x])
 
 
 @frozen_value
@@ -124,7 +122,7 @@ def estimate_uncertainty(
     R = np.diag(prior)
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
-    A_inverse, singular_values, unreached = inverse_information(R)
+    A_inverse, singular_values, unreached, weakest = inverse_information(R)
     dof = fit.problem.dof
     meat, expected_cost, cost_dof = _noise(prior, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
@@ -132,25 +130,30 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
-    floor_share = _floor_share(parts, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
-    floor = floor_share * _floor(parts, A_inverse)
+    floor = _floor(parts, A_inverse, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    shares = information_shares(parts, A_inverse, _weakest(R))
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
-    parted = disagreement(blocks, A_inverse)
-    if factors:  # they are no part of the result
-        covariance, unreached, shift = covariance[:n_x, :n_x], unreached[:n_x], shift[:n_x]
-        shares = InformationShares(shares.share[:, :n_x], shares.band_hz[:n_x], shares.weakest[:n_x])
-    return Uncertainty(covariance, singular_values, unreached, expected_cost, cost_dof, shares, parted, shift)
+    return Uncertainty(  # the factors are no part of the result
+        covariance[:n_x, :n_x],
+        singular_values,
+        unreached[:n_x],
+        expected_cost,
+        cost_dof,
+        information_shares(parts, A_inverse, weakest, n_x),
+        disagreement(blocks, A_inverse),
+        shift[:n_x],
+    )
 
 
-def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
     """A^-1 of A = R^T R over the directions that the data reach, singular values, and which parameters lie outside.
+
+    Last the weakest direction (n_x,), of length one, its largest entry positive.
 
     The data do not reach directions whose scaled singular value is below 1e-8 of the largest; a parameter lies outside
     if its part in one of these, of length one, exceeds 1e-3.  From R and not from A, whose condition number is the
@@ -161,14 +164,8 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     _, singular_values, Vt = np.linalg.svd(R / length)
     reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
-    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
-
-
-def _weakest(R: FloatArray) -> FloatArray:
-    """The last right singular vector (n_x,) of R with columns scaled to unit length, its largest entry positive."""
-    length = np.linalg.norm(R, axis=0)
-    direction: FloatArray = np.linalg.svd(R / np.where(length > 0, length, 1.0))[2][-1]
-    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
+    weakest = Vt[-1] * np.sign(Vt[-1][np.argmax(np.abs(Vt[-1]))])
+    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0), weakest
 
 
 def _noise(
@@ -179,14 +176,15 @@ def _noise(
     prior (n_x,): 1 / s.  Where no noise was measured the residuals are taken for it.
     """
     meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
-    known = any(part.noise_power is not None for part in parts)
+    known = any(part.blocks.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
-        if part.noise_meat is None or part.noise_power is None or part.noise_spread is None:
+        if part.blocks.noise is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
             spread += 2 * level**2 * part.n_residuals
         else:
-            meat, power, spread = meat + part.noise_meat, power + part.noise_power, spread + part.noise_spread
+            meat, power = meat + part.blocks.noise.sum(axis=0), power + part.noise_power
+            spread += part.noise_spread
     return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / spread if known else math.nan
 
 
@@ -207,21 +205,18 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
     return np.asarray(shape * np.outer(scale, scale))
 
 
-def _floor(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
-    """Covariance (n_x, n_x) of x if each element is off by the floor, by one random factor an octave."""
+def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: float, cost_dof: float) -> FloatArray:
+    """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
+
+    s: the share of its power for which V leaves room above the noise and two standard deviations of V.
+    """
     pulls: dict[tuple[str, str, int], ComplexArray] = {}
     for part in parts:
         for key, pull in part.floor_pull.items():
             pulls[key] = pulls.get(key, 0.0) + pull
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
-    return np.asarray(0.5 * (shifts @ shifts.conj().T).real)
-
-
-def _floor_share(parts: Sequence[LineSums], expected_cost: float, cost_dof: float) -> float:
-    """s: the share of the floor's power for which V leaves room above the noise and two standard deviations of V."""
     power = sum(part.floor_power for part in parts)
-    if power == 0:
-        return 0.0
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
     room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
-    return float(np.clip(room / power, 0.0, 1.0))
+    share = np.clip(room / power, 0.0, 1.0) if power else 0.0
+    return np.asarray(share * (0.5 * (shifts @ shifts.conj().T).real))

@@ -164,11 +164,7 @@ class Profile:
 
 
 def profiles(
-    problem: LeastSquares,
-    x: FloatArray,
-    variance: FloatArray,
-    names: Sequence[str],
-    execution: Execution | None = None,
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> tuple[Profile, ...]:
     """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
     best = problem.evaluate(x)
@@ -309,12 +305,7 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     return worst
 
 
-def add_intervals(
-    result: FitResult,
-    optimum: RelinearisedOptimum,
-    spec: FitSpec,
-    execution: Execution,
-) -> FitResult:
+def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
@@ -343,11 +334,7 @@ def add_intervals(
 
 
 def profile_ends(
-    problem: LeastSquares,
-    x: FloatArray,
-    variance: FloatArray,
-    names: Sequence[str],
-    execution: Execution | None = None,
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
     profiled = profiles(problem, x, variance, names, execution)

@@ -16,18 +16,18 @@ To add one, write a function and an entry.  An entry may be put into this list, 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from elastid.fit.diagnosis.configurations import find_disagreement
 from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, SCALE, Hypothesis, Size, relative
 from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import (
+    conjugates,
     directions,
     exchanged_channels,
-    exchanged_parts,
     exchanged_postures,
     find_misreading,
     find_wrong_frequency_unit,
-    negated_phases,
     quantities,
     signs,
 )
@@ -197,14 +197,16 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "phase",
-        changes=negated_phases,
+        changes=partial(conjugates, "all phases negated", "phase", 1),
         advice="they were written with the convention exp(-j omega t); take their complex conjugates",
     ),
-    Hypothesis("parts", changes=exchanged_parts, advice="check which column or field is which"),
     Hypothesis(
-        "quantity",
-        changes=quantities,
-        advice="check the quantity (position, velocity, acceleration) of the y channels",
+        "parts",
+        changes=partial(conjugates, "real and imaginary parts exchanged", "parts", 1j),
+        advice="check which column or field is which",
+    ),
+    Hypothesis(
+        "quantity", changes=quantities, advice="check the quantity (position, velocity, acceleration) of the y channels"
     ),
     Hypothesis(
         SCALE,

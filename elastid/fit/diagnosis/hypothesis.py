@@ -40,23 +40,20 @@ Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 class Limits:
     """Thresholds of causes and their sentences; at most 1 % of clean fits have a sentence.
 
-    (scripts/studies/modification_indices.py, 300 fits.)  suspect_model_error, suspect_explained_share: beyond this
-    model error or, where the noise is unknown, below this share responses may have been misread; false-alarm rate: not
-    measured.  false_alarm_rate: probability that any of the candidates has so large a drop by the noise alone;
-    Bonferroni over all candidates, not a false discovery rate: a single false cause in a report is one too many, and
-    their drops are strongly correlated.  stated_share: of the excess, below which a cause has no sentence;
-    reason_share: below which even the best is not named as the reason.  alternatives: causes that a sentence names
-    besides; effect: the least on a stiffness that it names.  prior_std: the widest prior that is recommended.
+    (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
+    discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
     """
 
+    # Beyond this model error or, where the noise is unknown, below this share responses may have been misread; their
+    # false-alarm rate: not measured.
     suspect_model_error: float = 10.0
     suspect_explained_share: float = 0.9
-    false_alarm_rate: float = 0.01
-    stated_share: float = 0.1
-    reason_share: float = 0.3
-    alternatives: int = 3
-    effect: float = 0.005
-    prior_std: float = 0.5
+    false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
+    stated_share: float = 0.1  # of the excess, below which a cause has no sentence
+    reason_share: float = 0.3  # of the excess, below which even the best is not named as the reason
+    alternatives: int = 3  # causes that a sentence names besides
+    effect: float = 0.005  # the least on a stiffness that a sentence names
+    prior_std: float = 0.5  # the widest prior that is recommended
 
 
 LIMITS = Limits()

@@ -45,24 +45,18 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class RankingLimits:
-    """Thresholds of the ranking of causes; false-alarm rates: not measured.
+    """Thresholds of the ranking of causes; false-alarm rates: not measured."""
 
-    residuals: real ones of the score test; with more, every so many lines of each configuration are taken.
-    equal_correlation (squared), equal_drop: ratio of the drops, from which two candidates cannot be distinguished;
-    same_drop: from which the more usual of the two is named first.  number_share: of the excess, charged for each
-    further number that is freed at once; further_share: that each in a sequence explains.  sequence, alone, ranked:
-    candidates in a sequence, in the table, and those that are judged by their forms.
-    """
-
-    residuals: int = 60_000
+    residuals: int = 60_000  # real ones of the score test; with more, every so many lines are taken
+    # Squared, and the ratio of the drops, from which two candidates cannot be distinguished.
     equal_correlation: float = 0.95
     equal_drop: float = 0.9
-    same_drop: float = 0.99
-    number_share: float = 0.03
-    further_share: float = 0.05
-    sequence: int = 3
-    alone: int = 15
-    ranked: int = 25
+    same_drop: float = 0.99  # ratio from which the more usual of the two is named first
+    number_share: float = 0.03  # of the excess, charged for each further number that is freed at once
+    further_share: float = 0.05  # of the excess, that each in a sequence explains
+    sequence: int = 3  # candidates in a sequence
+    alone: int = 15  # in the table
+    ranked: int = 25  # judged by their forms
 
 
 RANKING = RankingLimits()

@@ -44,22 +44,17 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search for springs; false-alarm rates: not measured.
+    """Thresholds of the search for springs; false-alarm rates: not measured."""
 
-    explained_share: of the excess; where something else explains more, no spring is sought.  frequency_step: the ratio
-    of neighbouring resonances; stiffnesses: of each spring.  dip: depth of a minimum of V, in variances of the noise;
-    screened_ratio, predicted_ratio: of V there to that of the fit, with the derivatives of the fit and with those at
-    the spring.  followed, iterations: springs that the solver follows, and its iterations for each.
-    """
-
-    explained_share: float = 0.9
-    frequency_step: float = math.sqrt(2.0)
-    stiffnesses: int = 14
-    dip: float = 10.0
+    explained_share: float = 0.9  # of the excess; where something else explains more, no spring is sought
+    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances
+    stiffnesses: int = 14  # of each spring
+    dip: float = 10.0  # depth of a minimum of V, in variances of the noise
+    # V there to that of the fit, with the derivatives of the fit and with those at the spring.
     screened_ratio: float = 4.0
     predicted_ratio: float = 1.2
-    followed: int = 2
-    iterations: int = 12
+    followed: int = 2  # springs that the solver follows
+    iterations: int = 12  # for each
 
 
 LIMITS = Limits()
