@@ -76,15 +76,11 @@ def find_same_postures(
 
     pairs = ((first.configuration.name, second.configuration.name) for first, second in _same_postures(responses))
     duplicates = [f"{first} and {second}" for first, second in pairs if group(first) == group(second)]
-    if not duplicates:
-        return ()
-    return (
-        Note(
-            "same-posture",
-            f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
-            "twice; leave one out where it was not, and name them in fit.robots where they are of two robots",
-        ),
+    text = (
+        f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
+        "twice; leave one out where it was not, and name them in fit.robots where they are of two robots"
     )
+    return (Note("same-posture", text),) if duplicates else ()
 
 
 def find_contradictions(
@@ -99,26 +95,20 @@ def find_contradictions(
     unlike = [
         (f"{first.configuration.name} and {second.configuration.name}", *difference)
         for first, second in _same_postures(responses)
-        if _are_of_one_robot(first.configuration.name, second.configuration.name, robots)
+        if all((first.configuration.name in own) == (second.configuration.name in own) for own in robots.values())
         and (difference := _difference(first, second))[0] > 0.3
         and difference[1] > 5.0
     ]
     if not unlike:
         return ()
     _, share, over_std = max(unlike, key=lambda pair: pair[1])
-    return (
-        Note(
-            "unlike-at-one-posture",
-            f"declared at the same angles, and their responses differ: {', '.join(pair[0] for pair in unlike)}, by up "
-            f"to {100 * share:.0f} % (median of the lines), {over_std:.0f} times their noise; no parameters explain "
-            "both, and those that are found may be off by many times their std: correct the angles under "
-            "experiment.configurations, or name the robots in fit.robots where they are of two",
-        ),
+    text = (
+        f"declared at the same angles, and their responses differ: {', '.join(pair[0] for pair in unlike)}, by up to "
+        f"{100 * share:.0f} % (median of the lines), {over_std:.0f} times their noise; no parameters explain both, and "
+        "those that are found may be off by many times their std: correct the angles under experiment.configurations, "
+        "or name the robots in fit.robots where they are of two"
     )
-
-
-def _are_of_one_robot(first: str, second: str, robots: Mapping[str, Sequence[str]]) -> bool:
-    return not any((first in members) != (second in members) for members in robots.values())
+    return (Note("unlike-at-one-posture", text),)
 
 
 def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[float, float]:
@@ -151,43 +141,40 @@ def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[Fre
 
 def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
     """A note on every two configurations that hold the same numbers, which two measurements never do."""
-    words = []
+    notes = []
     for first, second in combinations(responses, 2):
         if (first.inputs, first.outputs) != (second.inputs, second.outputs):
             continue
         _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
         same = int(np.all((first.G[lines] == second.G[other_lines]) & (first.G[lines] != 0), axis=(1, 2)).sum())
-        if same > 0.5 * min(first.n_lines, second.n_lines):
-            words.append(
-                Note(
-                    "alike-responses",
-                    f"configurations {first.configuration.name} and {second.configuration.name} hold the same "
-                    f"numbers at {same} of {min(first.n_lines, second.n_lines)} lines: one measurement counts twice, "
-                    "which makes the intervals too narrow, or a file is given for the wrong configuration; leave one "
-                    "of them out",
-                )
+        count = min(first.n_lines, second.n_lines)
+        if same > 0.5 * count:
+            text = (
+                f"configurations {first.configuration.name} and {second.configuration.name} hold the same numbers at "
+                f"{same} of {count} lines: one measurement counts twice, which makes the intervals too narrow, or a "
+                "file is given for the wrong configuration; leave one of them out"
             )
-    return tuple(words)
+            notes.append(Note("alike-responses", text))
+    return tuple(notes)
 
 
 def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
+    other = "is this response from another robot?"
     if refused := robot.count_refusal(angles.size):
-        raise DataError(f"{where}: {refused}" + ("; is this response from another robot?" if angles.size else ""))
+        raise DataError(f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
     if not np.all(np.isfinite(angles)):
         raise DataError(f"{where}: an angle is not a finite number")
     motors = robot.motor_locations
     missing = [name for name in response.inputs if name not in motors]
     if missing:
-        raise DataError(
-            f"{where}: the response has the input {', '.join(missing)}, which robot {robot.name} has not; there are "
-            f"{', '.join(motors)}; is this response from another robot?"
-        )
+        has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
+        raise DataError(f"{where}: {has_not}; there are {', '.join(motors)}; {other}")
     for place in response.outputs:
         try:
             robot.check_location(place)
         except StudyError as error:
-            raise DataError(f"{where}: an output, {error}; is this response from another robot?") from None
+            raise DataError(f"{where}: an output, {error}; {other}") from None
 
 
 # Names of configurations to the motors' angles (n_u,).
@@ -216,7 +203,10 @@ def geometry_problems(
             return
         for compensator in placed.compensators:
             mine = [p for p in moved if p.stands_for in compensator.geometry]
-            if mine and _has_a_direction(compensator, parameters):
+            # All but a coil without rest length pull where their ends meet.
+            coil, rest = compensator.coil, f"L0_{compensator.name}"
+            pulls = coil is None or coil.rest_length > 0 or any(p.stands_for == rest for p in parameters.free)
+            if mine and pulls:
                 yield from _meeting(placed, compensator, mine, name, np.array(angles, dtype=float))
 
 
@@ -224,13 +214,6 @@ def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Confi
     """StudyError with the first of the `geometry_problems`."""
     for name, message in geometry_problems(parameters, robot, configurations):
         raise StudyError(f"fit.parameters.{name}: {message}")
-
-
-def _has_a_direction(compensator: Compensator, parameters: ParameterSet) -> bool:
-    """True if it pulls where its ends meet: all but a coil without rest length do."""
-    rest = f"L0_{compensator.name}"
-    moves = any(p.stands_for == rest for p in parameters.free)
-    return compensator.coil is None or compensator.coil.rest_length > 0 or moves
 
 
 def _meeting(

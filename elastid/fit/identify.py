@@ -102,28 +102,20 @@ def _search(
     check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
-    _check_residuals(fit, assembly)
-    check_effects(fit, robot)
-    check_scale(fit, robot)
-    first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
-    criterion = "log" if first is not fit else spec.criterion
-    problems = [assembly.search_problem(first, criterion)]
-    problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
-    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
-    starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    return assembly, fit, starts, hits
-
-
-def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
-    """DataError where fewer real numbers are left than parameters, or none."""
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError(f"nothing is left to fit: {reason}")
     if fit.problem.dof < 1:
-        raise DataError(
-            f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters; fix some, or use "
-            "more lines"
-        )
+        few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
+        raise DataError(f"{few}; fix some, or use more lines")
+    check_effects(fit, robot)
+    check_scale(fit, robot)
+    problems = [assembly.search_problem(fit, spec.criterion)]
+    if spec.log_first and spec.criterion == "complex":
+        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
+    starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
+    return assembly, fit, starts, hits
 
 
 def _estimate(
@@ -131,27 +123,12 @@ def _estimate(
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
-    data = optimum.fit, optimum.responses, optimum.weights
-    uncertainty = estimate_uncertainty(*data, optimum.end.x, execution)
-    return optimum, uncertainty, _result(optimum, uncertainty, starts, hits)
-
-
-def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
-    """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
-    responses = assembly.responses
-    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
-    unlike = find_contradictions(responses, assembly.spec.robots)
-    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
-
-
-def _result(
-    optimum: RelinearisedOptimum, uncertainty: Uncertainty, starts: tuple[LocalOptimum, ...], hits: int
-) -> FitResult:
     fit, end = optimum.fit, optimum.end
+    uncertainty = estimate_uncertainty(fit, optimum.responses, optimum.weights, end.x, execution)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
-    return FitResult(
+    result = FitResult(
         parameters=fit.parameters.with_means(end.x),
         x=end.x,
         covariance=uncertainty.covariance,
@@ -166,9 +143,18 @@ def _result(
         at_bound=at_bound(fit.parameters, end.x),
         singular_values=uncertainty.singular_values,
         criterion=fit.parts[0].criterion,
-        configurations=tuple(part.kernel.model.configuration.name for part in fit.parts),
+        configurations=tuple(part.configuration for part in fit.parts),
         share=uncertainty.shares.share,
         informing_hz=uncertainty.shares.band_hz,
         weakest=uncertainty.shares.weakest,
         linear=tuple(part.kernel.model for part in fit.parts),
     )
+    return optimum, uncertainty, result
+
+
+def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
+    """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
+    responses = assembly.responses
+    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
+    unlike = find_contradictions(responses, assembly.spec.robots)
+    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))

@@ -69,25 +69,18 @@ def bootstrap(
     source = _parametric if kind == "parametric" else _residual
     sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
     names = [f"bootstrap-{i}" for i in range(repetitions)]
-    ends = in_order((execution or Execution()).resumed(_Repetition(fit, sources, x), draws, names))
+    ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, x), draws, names))
     return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
 
 
-@dataclass(frozen=True)
-class _Repetition:
-    fit: ElasticFit
-    sources: tuple[_Source, ...]
-    x: FloatArray
-
-    def __call__(self, draw: np.random.SeedSequence) -> LocalOptimum:
-        rng = np.random.default_rng(draw)
-        parts = tuple(
-            replace(part, measured=source.draw(rng)) for part, source in zip(self.fit.parts, self.sources, strict=True)
-        )
-        try:
-            return solve(replace(self.fit, parts=parts).problem, self.x, FINE)
-        except FitError as error:
-            return LocalOptimum(self.x, self.x, math.inf, 0, False, str(error))
+def _repeat(fit: ElasticFit, sources: tuple[_Source, ...], x: FloatArray, draw: np.random.SeedSequence) -> LocalOptimum:
+    rng = np.random.default_rng(draw)
+    drawn = (source.draw(rng) for source in sources)
+    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
+    try:
+        return solve(replace(fit, parts=parts).problem, x, FINE)
+    except FitError as error:
+        return LocalOptimum(x, x, math.inf, 0, False, str(error))
 
 
 @dataclass(frozen=True)
@@ -143,8 +136,7 @@ def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     gain = np.where(used, part.gain, 1.0).reshape(F, -1)
     mixing = part.mixing
     whiten = gain[:, None, :] * (np.eye(r.shape[1]) if mixing is None else mixing)
-    if mixing is not None:
-        r = (mixing @ r[:, :, None])[:, :, 0]
+    r = r if mixing is None else (mixing @ r[:, :, None])[:, :, 0]
     block = min(F, math.ceil(correlation_length([r])))
     return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")
 
@@ -172,9 +164,8 @@ def profiles(
     free = problem.parameters.free_names
     stated = np.where(np.isfinite(variance), variance, curvature)
     work = _Work(problem, x, best, stated, QUANTILE_95**2 * stated / np.maximum(curvature, 1e-300))
-    places = [free.index(name) for name in names]
-    results = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
-    return tuple(in_order(results))
+    places, labels = [free.index(name) for name in names], [f"profile-{name}" for name in names]
+    return tuple(in_order((execution or Execution()).resumed(work, places, labels)))
 
 
 @dataclass(frozen=True)
@@ -243,8 +234,7 @@ class _Work:
             beginning = self.problem.evaluate(x)
         if not math.isfinite(beginning.cost):  # no model there
             return _Point(x, math.inf, math.inf, last.tangent)
-        end = trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place))
-        return self._point(place, end)
+        return self._point(place, trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place)))
 
     def _point(self, place: int, end: Ending) -> _Point:
         """With the tangent: the Gauss-Newton step of the others that no bound holds, for a unit step of this one."""
@@ -311,7 +301,14 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem, x, variance, execution.quiet)
-        notes += _profile_notes(names, left)
+        text = (
+            f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
+            "parameter); the interval is by profile likelihood"
+        )
+        text += (
+            f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
+        )
+        notes += [Note("profiled-interval", text, severity="information")] if names else []
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
@@ -322,12 +319,8 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
         draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > 0.05:
-            notes.append(
-                Note(
-                    "bootstrap-failures",
-                    f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out",
-                )
-            )
+            text = f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out"
+            notes.append(Note("bootstrap-failures", text))
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
     return replace(result, notes=tuple(notes))
@@ -337,8 +330,7 @@ def profile_ends(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    profiled = profiles(problem, x, variance, names, execution)
-    rows = {profile.name: profile.interval for profile in profiled}
+    rows = {profile.name: profile.interval for profile in profiles(problem, x, variance, names, execution)}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 
@@ -352,25 +344,15 @@ def choose_profiles(
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
-def _profile_notes(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
-    if not names:
-        return ()
-    text = (
-        f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
-        "parameter); the interval is by profile likelihood"
-    )
-    more = f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
-    return (Note("profiled-interval", text + more, severity="information"),)
-
-
 def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
     """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
-    free = parameters.free_names
-    chosen = {pattern: matching(pattern, free) for pattern in patterns}
-    for pattern, names in chosen.items():
+    free, chosen = parameters.free_names, set[str]()
+    for pattern in patterns:
+        names = matching(pattern, free)
         if not names:
             raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
-    return tuple(name for name in free if any(name in names for names in chosen.values()))
+        chosen.update(names)
+    return tuple(name for name in free if name in chosen)
 
 
 def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:

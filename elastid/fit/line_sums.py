@@ -34,6 +34,7 @@ from elastid.base.statistics import small_sample_factor
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import as_real, error_gain
 from elastid.fit.problem.shared_bias import Factor, bias_slopes
+from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec
 from elastid.response import FrequencyResponse
 
@@ -89,10 +90,10 @@ def sum_lines(
     together, S, power, spread = response.correlated_lines, None, math.nan, math.nan
     noise = weights.noise_covariance()
     if noise is not None and weights.noise is not None:
-        S = T @ noise @ _H(T)
+        S = T @ noise @ hermitian(T)
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
-        smooth = T @ weights.noise.covariance @ _H(T)
+        smooth = T @ weights.noise.covariance @ hermitian(T)
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     residual, pull = r.reshape(len(r), -1), np.einsum("pfab,fab->pf", J.conj(), r).real
@@ -140,10 +141,6 @@ def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     n_y, n_u = part.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
     return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
-
-
-def _H(A: ComplexArray) -> ComplexArray:
-    return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
 def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
