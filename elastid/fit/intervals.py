@@ -199,9 +199,8 @@ class _Work:
     def _end(self, place: int, side: int, begin: _Point) -> tuple[float, list[_Point]]:
         """Where V_p crosses the level on one side, infinite where it does not before the bound, and the points."""
         optimum, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
-        level = math.sqrt(self.allowed[place])
+        level, points = math.sqrt(self.allowed[place]), list[_Point]()
         inside, outside, last = 0.0, math.inf, begin
-        points: list[_Point] = []
         at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
         while len(points) < 15:
             at = min(at, bound) if side > 0 else max(at, bound)
@@ -284,9 +283,9 @@ def interval_errors(
 
 def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: FloatArray) -> float:
     """Of the interval x -+ half (n_x,), V at x being `cost`."""
-    lower, upper, worst = *problem.parameters.x_bounds, 0.0
+    worst = 0.0
     for step in (-half, half):
-        end = np.clip(x + step, lower, upper)
+        end = np.clip(x + step, *problem.parameters.x_bounds)
         ending = problem.evaluate(end)
         rise = ending.cost - cost
         if not (rise > 0 and np.isfinite(rise)):

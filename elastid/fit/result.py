@@ -236,11 +236,10 @@ class FitResult:
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
-        parameter = self.parameters.free[i]
         reach = QUANTILE_95 * float(np.sqrt(self.covariance[i, i]))
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
-            return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+            return (float(np.exp(low)), float(np.exp(high))) if self.parameters.free[i].log else (low, high)
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of one parameter; UnknownNameError for a name that was not identified."""
@@ -253,17 +252,12 @@ class FitResult:
         std and the 95 % interval are NaN of a number that was held or tied. ElastidError where pandas is not installed.
         """
         values, std, free = self.values, self.std, self.parameters.free_names
+        ends = {name: self.interval(name) for name in free}
+        nan, columns = math.nan, ["value", "std", "low", "high", "unit", "free"]
         rows = {
-            p.name: (
-                values[p.name],
-                std.get(p.name, math.nan),
-                *(self.interval(p.name) if p.name in free else (math.nan, math.nan)),
-                p.unit,
-                p.name in free,
-            )
+            p.name: (values[p.name], std.get(p.name, nan), *ends.get(p.name, (nan, nan)), p.unit, p.name in free)
             for p in self.parameters
         }
-        columns = ["value", "std", "low", "high", "unit", "free"]
         return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:

@@ -69,13 +69,11 @@ def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ..
     if len(fit.parts) < 3:
         return ()
     level = np.sqrt(_costs(fit, x) / np.array([part.n_residuals for part in fit.parts]))
-    ratios = dict(zip((part.configuration for part in fit.parts), level / float(np.median(level)), strict=True))
-    are = (
-        "its residuals are {:.0f} times those of the other configurations; is it of the same robot, with the same load"
-    )
+    level = level / float(np.median(level))
+    others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(
-        Note("unlike-configuration", f"{are.format(ratio)}, at the stated angles?", f"configuration {name}")
-        for name, ratio in ratios.items()
+        Note("unlike-configuration", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        for name, ratio in zip((part.configuration for part in fit.parts), level, strict=True)
         if ratio > LIMITS.residual_ratio
     )
 
@@ -222,7 +220,6 @@ def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
 
 
 def _differences(fit: ElasticFit, split: _Split) -> str:
-    """The parameters that differ most, with both values."""
     variance = sum(
         np.diag(np.linalg.pinv(_group(fit, group).evaluate(x).hessian / 2, hermitian=True))
         for group, x in ((~split.in_second, split.first), (split.in_second, split.second))

@@ -96,16 +96,15 @@ class Hypothesis:
     def number(self, name: str, value: float, unit: str = "") -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
         size = self.size or Size(0.1, 1.0, log=True)
-        unit = unit or size.unit
-        if size.log and value > 0:
-            return HeldNumber(name, self.family, value, unit, True, -size.limit, size.limit, size.usual)
+        log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
         is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
-        if size.grows or (size.log and value == 0 and not is_product_of_inertia):
-            return HeldNumber(name, self.family, value, unit, False, 0.0, math.inf, math.inf)
-        if size.log:
-            return HeldNumber(name, self.family, value, unit, False, -math.inf, math.inf, math.inf)
-        lower = -value if name == "delay" else -size.limit
-        return HeldNumber(name, self.family, value, unit, False, lower, size.limit, size.usual)
+        if not log and (size.grows or (size.log and value == 0 and not is_product_of_inertia)):
+            limits = 0.0, math.inf, math.inf
+        elif not log and size.log:
+            limits = -math.inf, math.inf, math.inf
+        elif not log and name == "delay":
+            limits = -value, size.limit, size.usual
+        return HeldNumber(name, self.family, value, unit or size.unit, log, *limits)
 
 
 def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
@@ -166,10 +165,9 @@ class Evidence:
         fit, x = self.optimum.fit, self.optimum.end.x
         left, total = 0.0, 0.0
         for part in fit.parts:
-            weight = part.gain * np.abs(error_gain(part.criterion, part.measured))
-            used = part.gain > 0
-            error = np.where(used, weight * (part.measured - part.kernel.response(fit.theta(part, x))), 0.0)
-            left += float(np.sum(np.abs(error) ** 2))
+            weight, used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
+            error = part.measured - part.kernel.response(fit.theta(part, x))
+            left += float(np.sum(np.abs(np.where(used, weight * error, 0.0)) ** 2))
             total += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
         return 1 - max(left - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
 
@@ -190,11 +188,6 @@ class Evidence:
         """The share of the excess of V that the first cause explains."""
         return next((index.share for index in self.result.indices), 0.0)
 
-    @property
-    def misread_families(self) -> set[str]:
-        """Families of hypotheses that read the responses otherwise."""
-        return {h.family for h in self.hypotheses if h.changes is not None} | {SCALE}
-
 
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 
@@ -202,16 +195,15 @@ CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prio
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
+    texts = [_sentence(index, evidence) for index in sequence if index.share >= LIMITS.stated_share]
     if sequence and sequence[0].share < LIMITS.reason_share:
         best = sequence[0]
-        text = (
+        texts = [
             f"no number that the fit held explains more than {_percent(best.share)} of what the residuals have beyond "
             f"the noise ({phrase(best, evidence)} does): an elastic joint may be missing in the robot's file; add "
             "those that are possible and let elastid compare --search find which the data show"
-        )
-        return (Note("modification-index", text),)
-    stated = [index for index in sequence if index.share >= LIMITS.stated_share]
-    return tuple(Note("modification-index", _sentence(index, evidence)) for index in stated)
+        ]
+    return tuple(Note("modification-index", text) for text in texts)
 
 
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
@@ -251,8 +243,8 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if not isinstance(advice, str):
         return advice(index, evidence.result)
-    size = None if hypothesis is None else hypothesis.size
-    usual = min(0.1 if size is None else size.usual, LIMITS.prior_std)
+    size = hypothesis and hypothesis.size
+    usual = min(size.usual if size else 0.1, LIMITS.prior_std)
     return advice.format(name=index.name, where=index.name.partition("_")[2], usual=usual)
 
 

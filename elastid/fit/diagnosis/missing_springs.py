@@ -95,7 +95,9 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     linear = (linear_model(held.linearisation, *pair) for pair in zip(assembly.responses, thetas, strict=True))
     models = [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
 
-    evaluated, ratio = evaluate(fit, x), _damping_ratio(assembly)
+    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
+    damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
+    evaluated, ratio = evaluate(fit, x), float(np.median(damped)) if damped else 1e-3
     used = [model for part, model in zip(fit.parts, models, strict=True) if part.n_residuals]
     V = sum(squares(evaluated))
     for name in held.rigid:
@@ -117,13 +119,6 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
     return np.asarray(lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth))
 
 
-def _damping_ratio(assembly: Assembly) -> float:
-    """d / k in s of the robot's springs, in the median; 1e-3 where none has damping."""
-    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
-    ratios = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    return float(np.median(ratios)) if ratios else 1e-3
-
-
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
     """k_i (n_k,), the last a step above the band."""
     directions = [direction(model, name) for model in models]
@@ -140,20 +135,14 @@ def _with_spring(
 ) -> ElasticFit:
     """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
-    spring = {
-        name: Parameter(name, k, "N*m/rad", log=True),
-        damping: Parameter(damping, 0.0, tie=Tie(name, damping_ratio)),
-    }
     known = dict(zip(models[0].parameters, models[0].theta_ref.tolist(), strict=True))
-    of_model = [
-        spring.get(name) or fitted.get(name) or Parameter(name, known[name], free=False)
-        for name in models[0].parameters
-    ]
-    parameters = ParameterSet((*of_model, *(p for p in assembly.parameters if not p.is_of_model)))
-    parts = tuple(
-        replace(part, kernel=kernel_of(model, parameters, part.kernel.freq_hz))
-        for part, model in zip(fit.parts, models, strict=True)
-    )
+    of_model = {key: Parameter(key, value, free=False) for key, value in known.items()}
+    of_model |= {key: fitted[key] for key in known if key in fitted}
+    of_model[name] = Parameter(name, k, "N*m/rad", log=True)
+    of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
+    parameters = ParameterSet((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
+    kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
+    parts = tuple(replace(part, kernel=kernel) for part, kernel in zip(fit.parts, kernels, strict=True))
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
 
 

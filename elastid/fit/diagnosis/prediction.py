@@ -66,11 +66,10 @@ def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
-    for part in fit.parts:
-        if part.n_residuals:
-            G, slopes = part.kernel.evaluate(fit.theta(part, x))
-            chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-            evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+    for part in (part for part in fit.parts if part.n_residuals):
+        G, slopes = part.kernel.evaluate(fit.theta(part, x))
+        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated
 
 
@@ -105,17 +104,15 @@ def settle(
 
     decrease: the relative decrease of V from one step to the next below which they end.
     """
-    V = math.inf
-    lower, upper = fit.parameters.x_bounds
+
+    def predict_at(problem: ElasticFit, x: FloatArray, std: float) -> Prediction:
+        return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
+
     for problem in (replace(fit, parts=tuple(map(_logarithmic, fit.parts))), fit):
-
-        def predict_at(x: FloatArray, std: float, problem: ElasticFit = problem) -> Prediction:
-            return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
-
-        std, now = STEP_STD, predict_at(x, STEP_STD)
+        std, now = STEP_STD, predict_at(problem, x, STEP_STD)
         for _ in range(12):
-            x_next = np.clip(x + now.step, lower, upper)
-            further = predict_at(x_next, std)
+            x_next = np.clip(x + now.step, *fit.parameters.x_bounds)
+            further = predict_at(problem, x_next, std)
             if further.before < now.before:
                 done = now.before - further.before < decrease * now.before
                 x, now, std = x_next, further, 4 * std
@@ -123,9 +120,8 @@ def settle(
                     break
             else:
                 std /= 4
-                now = predict_at(x, std)
-        V = now.before
-    return V, x
+                now = predict_at(problem, x, std)
+    return now.before, x
 
 
 def _logarithmic(part: Part) -> Part:

@@ -24,7 +24,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.hypothesis import Evidence, phrase
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status
 from elastid.parameters import ParameterSet
 
@@ -64,7 +64,8 @@ def with_status(evidence: Evidence) -> FitResult:
     def ended(status: Status, message: str) -> FitResult:
         return replace(result, status=status, message=f"{message}; {fit}")
 
-    if evidence.is_suspect and any(i.place and i.group in evidence.misread_families for i in result.indices):
+    misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
+    if evidence.is_suspect and any(index.place and index.group in misread for index in result.indices):
         return ended(
             "model_error",
             f"the model does not describe the responses as they were read: it explains {share} of them, and another "

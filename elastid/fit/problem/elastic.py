@@ -159,8 +159,7 @@ class ElasticFit:
             used = np.repeat((part.gain > 0).ravel(), 2)
             rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
         distance, slope = self._priors(x)
-        known = slope > 0
-        rows.append((distance[known], np.diag(slope)[known]))
+        rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
         return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
@@ -229,12 +228,10 @@ def elastic_fit(
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
     for kind, wanted, known in (("input", response.inputs, model.inputs), ("output", response.outputs, model.outputs)):
-        missing = [name for name in wanted if name not in known]
-        if missing:
-            raise StudyError(
-                f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
-                f"the model has not; there are {', '.join(known) or 'none'}"
-            )
+        if missing := ", ".join(name for name in wanted if name not in known):
+            has_not = f"the response has the {kind} {missing}, which the model has not"
+            there = ", ".join(known) or "none"
+            raise StudyError(f"configuration {response.configuration.name}: {has_not}; there are {there}")
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
     return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
@@ -270,8 +267,7 @@ def _part(
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
-    error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
-    gain = np.sqrt(2 * weights.factor) / error
+    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
     if weights.correlated is not None:
         sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)

@@ -147,26 +147,21 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
     used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
-    notes: list[Note] = []
-
-    def note(code: str, text: str) -> None:
-        notes.append(Note(code, text, f"configuration {where}"))
-
+    texts: list[tuple[str, str]] = []
     if response.uncertainty is None:
-        note("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines")
+        texts.append(("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines"))
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
-        note("elements-left-out", f"left out, no more than noise: {names}")
-        used &= ~mute
-    silent = used & (sigma == 0)
-    if silent.any():
-        note("elements-left-out", f"left out, {int(silent.sum())} elements of zero variance and no floor")
-        used &= ~silent
-    sigma = np.where(used, sigma, np.inf)
+        texts.append(("elements-left-out", f"left out, no more than noise: {names}"))
+    used &= ~mute
+    if silent := int((used & (sigma == 0)).sum()):
+        texts.append(("elements-left-out", f"left out, {silent} elements of zero variance and no floor"))
+    sigma = np.where(used & (sigma != 0), sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
-    return Weights(sigma, noise, scale, floor, tuple(notes), factor, correlated)
+    notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
+    return Weights(sigma, noise, scale, floor, notes, factor, correlated)
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:
