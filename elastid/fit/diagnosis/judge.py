@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -62,14 +63,8 @@ class RankingLimits:
 RANKING = RankingLimits()
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """J^T J (n, n), J^T r (n,) and r^T r; held: names of the columns of J after those of x (n_x,)."""
-
-    A: FloatArray
-    b: FloatArray
-    V: float
-    held: tuple[str, ...]
+# J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
+_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
 
 
 def score(evidence: Evidence, execution: Execution) -> Scores:
@@ -78,45 +73,38 @@ def score(evidence: Evidence, execution: Execution) -> Scores:
     held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RANKING.residuals)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
     sums = partial(_sums, held, assembly.parameters, x, columns)
-    parts = [part for part in thin.parts if part.n_residuals]
-    A, b, V, names = _added(execution.ordered(sums, parts), len(x))
+    A, b, V, names = _added(execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every = np.concatenate([np.ones(len(x)), scale])
     A, b = A * np.outer(every, every), b * every
     A[range(len(x)), range(len(x))] += fit.prior_slopes**2
+    test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
+    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
     lines = thin.n_residuals / max(fit.n_residuals, 1)
     noise = evidence.noise_cost * lines
-    return Scores(
-        held,
-        ScoreTest.of(numbers, A, b, ~evidence.result.at_bound),
-        tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses)),
-        V - noise,
-        (noise or V) / max(thin.n_residuals - len(x), 1),
-        lines,
-        evidence.noise_cost,
-    )
+    level = (noise or V) / max(thin.n_residuals - len(x), 1)
+    return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost)
 
 
 def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
     evaluated = evaluate_held(held, fitted, x, columns, part)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
     r = evaluated.residual
-    return _Sums(J @ J.T, J @ r, float(r @ r), tuple(evaluated.held))
+    return J @ J.T, J @ r, float(r @ r), tuple(evaluated.held)
 
 
-def _added(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
-    """J^T J, J^T r and r^T r over all configurations, and the names of the columns after those of x."""
+def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
     A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
-    for sums in every:
-        for name in sums.held:
+    for own_A, own_b, own_V, held in every:
+        for name in held:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
         A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
-        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in sums.held]]).astype(int)
-        A[np.ix_(places, places)] += sums.A
-        b[places] += sums.b
-        V += sums.V
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
+        A[np.ix_(places, places)] += own_A
+        b[places] += own_b
+        V += own_V
     return A, b, V, tuple(names)
 
 

@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -88,7 +88,6 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Outputs and inputs of all configurations."""
     models = [e.part.kernel.model for e in evaluated]
     outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
@@ -188,10 +187,9 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
         for _ in range(LIMITS.scale_rounds):
             outputs, inputs = _scales(evaluate(fit, x))
             # The values of a torque are off by 1 / c.
-            factors = [(f"y at {place}", c) for place, c in outputs.items()]
-            factors += [(f"u at {place}", -c) for place, c in inputs.items()]
-            far = [(name, c) for name, c in factors if abs(c) > math.log(LIMITS.scale)]
-            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far)
+            factors = {f"y at {p}": c for p, c in outputs.items()} | {f"u at {p}": -c for p, c in inputs.items()}
+            far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.scale)}
+            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
             if not words:
                 break
             reading = Reading("", SCALE, partial(_rescaled, outputs, inputs))
@@ -215,7 +213,7 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     rows, wanted = [], []
     for e in evaluated:
         model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
-        for (i, output), (j, given) in ((o, u) for o in enumerate(model.outputs) for u in enumerate(model.inputs)):
+        for (i, output), (j, given) in product(enumerate(model.outputs), enumerate(model.inputs)):
             lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
             if lines.any():
                 row = np.zeros(len(outputs) + len(inputs))

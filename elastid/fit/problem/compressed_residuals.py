@@ -71,15 +71,11 @@ class Full:
 
     R: ComplexArray | FloatArray
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
-        """r = q - R g (F, n_e) of a block of lines."""
-        return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
-
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """The sums of a block of lines; precision: of the moments."""
         q, G, slope = e
         R = self.R[part.block]
-        r = q if G is None else self.residual(part.block, q, G)
+        r = q if G is None else q - _times(R, G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
         U = part.columns(scale, precision)
         if slope is not None:
