@@ -45,8 +45,7 @@ from elastid.record import Configuration
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
-# Of the Rayleigh distribution with two components of unit variance.
-RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3

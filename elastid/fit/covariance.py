@@ -54,22 +54,8 @@ from elastid.fit.result import is_in_error
 from elastid.response import FrequencyResponse
 
 
-@frozen_value
-class InformationShares:
-    """share (Q, n_x) of each configuration; band_hz (n_x, 2): the middle half of the information on each parameter.
-
-    weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
-    """
-
-    share: FloatArray
-    band_hz: FloatArray
-    weakest: FloatArray
-
-
-def information_shares(
-    parts: Sequence[LineSums], A_inverse: FloatArray, weakest: FloatArray, n_x: int
-) -> InformationShares:
-    """The shares of all configurations and the band of the first n_x parameters, by `inverse_information`."""
+def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the information."""
     power = []  # [A^-1 A_k A^-1]_ii (F, n_x) of each line
     for part in parts:
         moved = (part.rows @ A_inverse) ** 2
@@ -83,7 +69,7 @@ def information_shares(
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
-    return InformationShares(np.array([own / total for own in sums])[:, :n_x], band[:n_x], weakest[:n_x])
+    return np.array([own / total for own in sums]), band
 
 
 @frozen_value
@@ -92,7 +78,9 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    shares: the information on each parameter by configuration and band.  disagreement: T of the blocks, 1 for a true
+    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
+    weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
+    disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
     """
 
@@ -101,7 +89,9 @@ class Uncertainty:
     unreached: BoolArray
     expected_cost: float
     cost_dof: float
-    shares: InformationShares
+    share: FloatArray
+    informing_hz: FloatArray
+    weakest: FloatArray
     disagreement: float
     shift: FloatArray
 
@@ -138,13 +128,16 @@ def estimate_uncertainty(
     covariance[unreached, unreached] = np.inf
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    share, band_hz = information_shares(parts, A_inverse)
     return Uncertainty(  # the factors are no part of the result
         covariance[:n_x, :n_x],
         singular_values,
         unreached[:n_x],
         expected_cost,
         cost_dof,
-        information_shares(parts, A_inverse, weakest, n_x),
+        share[:, :n_x],
+        band_hz[:n_x],
+        weakest[:n_x],
         disagreement(blocks, A_inverse),
         shift[:n_x],
     )

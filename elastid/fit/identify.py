@@ -144,9 +144,9 @@ def _estimate(
         singular_values=uncertainty.singular_values,
         criterion=fit.parts[0].criterion,
         configurations=tuple(part.configuration for part in fit.parts),
-        share=uncertainty.shares.share,
-        informing_hz=uncertainty.shares.band_hz,
-        weakest=uncertainty.shares.weakest,
+        share=uncertainty.share,
+        informing_hz=uncertainty.informing_hz,
+        weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts),
     )
     return optimum, uncertainty, result

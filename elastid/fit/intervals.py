@@ -141,8 +141,7 @@ def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")
 
 
-# A step to an end is at most this many times as far from the optimum as the point before.
-MAX_GROWTH = 3.0
+MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 
 @dataclass(frozen=True)
@@ -259,8 +258,7 @@ def _next_reach(reach: float, ends: tuple[float, float], missing: float, slope: 
     return MAX_GROWTH * inside if math.isinf(outside) else 0.5 * (inside + outside)
 
 
-# Parameters with a profile likelihood, at most: each costs some ten to twenty evaluations.
-MAX_PROFILES = 6
+MAX_PROFILES = 6  # each costs some ten to twenty evaluations
 
 
 def interval_errors(

@@ -32,7 +32,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.statistics import small_sample_factor
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.least_squares import as_real, error_gain
+from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.shared_bias import Factor, bias_slopes
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec
@@ -96,20 +96,13 @@ def sum_lines(
         smooth = T @ weights.noise.covariance @ hermitian(T)
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
-    residual, pull = r.reshape(len(r), -1), np.einsum("pfab,fab->pf", J.conj(), r).real
-    return LineSums(
-        freq_hz=response.freq_hz,
-        rows=as_real(J).reshape(len(J), -1).T,
-        residual=residual,
-        pull=pull,
-        blocks=sum_blocks(
-            pull, vec(J).transpose(1, 2, 0), None if S is None else together * S, correlation_length([residual])
-        ),
-        noise_power=power,
-        noise_spread=spread,
-        floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
-        floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
-    )
+    rows, residual = as_real(J).reshape(len(J), -1).T, r.reshape(len(r), -1)
+    pull = np.einsum("pfab,fab->pf", J.conj(), r).real
+    S = None if S is None else together * S
+    blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual]))
+    floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
+    floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
+    return LineSums(response.freq_hz, rows, residual, pull, blocks, power, spread, floor_power, floor_pull)
 
 
 def correlation_length(residuals: Sequence[ComplexArray]) -> float:
@@ -133,9 +126,7 @@ def correlation_length(residuals: Sequence[ComplexArray]) -> float:
 
 def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
-    t = vec(gain)
+    t = vec(part.error_gain)
     if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
     n_y, n_u = part.measured.shape[1:]

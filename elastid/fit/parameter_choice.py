@@ -19,7 +19,7 @@ from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
-from elastid.robot import Robot
+from elastid.robot import Robot, Rod, Spring
 
 
 def is_group_key(key: str) -> bool:
@@ -97,8 +97,7 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     return {label or "others": tuple(members) for label, members in groups.items()}
 
 
-# Default bounds of a logarithmic parameter: within this factor of its start.
-BOUND_FACTOR = 100.0
+BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
@@ -223,7 +222,7 @@ def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
     """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
-    springs = [("", joint.name, joint.spring) for joint in robot.joints]
+    springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
     springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
     springs += [("", loop.name, loop.rod) for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
     names = [f"fm_{joint.name}" for joint in robot.joints if joint.motor is not None and joint.motor.viscous > 0]

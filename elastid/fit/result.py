@@ -130,7 +130,7 @@ class FitResult:
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `InformationShares`.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
 
@@ -163,7 +163,6 @@ class FitResult:
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         n_x = len(self.parameters.free)
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")

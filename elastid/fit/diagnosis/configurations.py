@@ -120,7 +120,6 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
     values = dict(zip(fit.parameters.free_names, x.tolist(), strict=True))
 
     def near(p: Parameter) -> Parameter:
-        """The parameter with a loose prior at x, if it has none and is logarithmic."""
         if p.name not in values or p.prior is not None or not p.log:
             return p
         return replace(p, prior=Prior(math.exp(values[p.name]), LIMITS.prior_std))

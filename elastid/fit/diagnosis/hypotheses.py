@@ -116,6 +116,7 @@ def _late_advice(index: ModificationIndex, result: FitResult) -> str:
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
 
 
+LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
@@ -125,22 +126,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, _gain, _gain_advice),
     Hypothesis("rate", ("rate",), Size(0.005, 0.2, unit="1"), False, _rate, "check rate_hz", columns=rate_column),
     Hypothesis(
-        "time",
-        ("delay", "low", "hold"),
-        Size(5e-4, 0.05, unit="s"),
-        phrase=_late,
-        advice=_late_advice,
-        columns=channel_delays,
-        search=find_lateness,
+        "time", ("delay", "low", "hold"), LATE, False, _late, _late_advice, columns=channel_delays, search=find_lateness
     ),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
-        "gear ratio",
-        ("ratio",),
-        Size(0.005, math.log(1.5), True, "1"),
-        is_common=True,
-        advice="check the ratios in the robot's file",
-        columns=gear_ratios,
+        "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot's file", columns=gear_ratios
     ),
     Hypothesis(
         "angle",

@@ -238,7 +238,6 @@ def number_phrase(index: ModificationIndex) -> str:
 
 
 def _advice(index: ModificationIndex, evidence: Evidence) -> str:
-    """The next action."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if not isinstance(advice, str):

@@ -118,12 +118,11 @@ def _held_numbers(
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
     numbers, scale = [], []
     for name in names:
-        is_ratio = name.startswith("ratio_")
-        value, unit = values.get(name, 0.0), units.get(name, "")
+        is_ratio, value, unit = name.startswith("ratio_"), values.get(name, 0.0), units.get(name, "")
         if name in held.rigid:
             name, value, unit = held.rigid[name], 0.0, ""
         elif is_ratio:
-            value, unit = abs(robot.ratio(name.removeprefix("ratio_"))), ""
+            value = abs(robot.ratio(name.removeprefix("ratio_")))
         number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
         numbers.append(number)
         scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm

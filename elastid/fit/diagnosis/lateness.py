@@ -121,11 +121,8 @@ class LatenessSearch:
         """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
         factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
         # Starts by f T at the upper edge: next to a free delay the sinc is flat at zero.
-        holds = [
-            self._between("hold", factor, "", "", (0.2 * phase / edge_hz, 2 * phase / edge_hz))
-            for phase in (-0.1, 0.1, 0.4)
-        ]
-        return min(holds, key=lambda late: late.cost)
+        ends = [(0.2 * phase / edge_hz, 2 * phase / edge_hz) for phase in (-0.1, 0.1, 0.4)]
+        return min((self._between("hold", factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
 
     @property
     def _edge_hz(self) -> float:

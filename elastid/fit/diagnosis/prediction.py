@@ -46,7 +46,6 @@ class Prediction:
     step: FloatArray
 
 
-# The responses as they were read.
 AS_READ = Reading("as read", "", lambda _, values: values)
 
 

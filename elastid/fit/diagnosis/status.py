@@ -106,14 +106,8 @@ def decisive_index(
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     reach = MISFIT.effect * np.sqrt(np.diag(result.covariance))
-    decisive = (
-        index
-        for index in indices
-        if index.place == 0
-        and len(set(index.steps.tolist())) == 1
-        and index.drop > MISFIT.drop
-        and np.any(np.abs(index.effects) > reach)
-    )
+    alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
+    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects) > reach))
     return max(decisive, key=lambda index: index.drop, default=None)
 
 

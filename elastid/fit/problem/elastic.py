@@ -52,6 +52,12 @@ class Part:
         return self.kernel.model.configuration.name
 
     @property
+    def error_gain(self) -> ComplexArray:
+        """Residual per error of Ghat (F, n_y, n_u), before it is mixed; 0 where an element is left out."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.gain > 0, self.gain * error_gain(self.criterion, self.measured), 0j)
+
+    @property
     def mixing(self) -> ComplexArray | None:
         """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
         return None if self.whitening is None else self.whitening.matrix

@@ -21,7 +21,6 @@ from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import (
     Ending,
-    Evaluation,
     LeastSquares,
     LocalOptimum,
     distance_to_optimum,
@@ -40,8 +39,7 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 FINE = 1e-3
 ROUGH = 0.1
 NEAR = 3.0
-_Solver: TypeAlias = Callable[[LeastSquares, FloatArray, Evaluation, float, int], Ending]
-_SOLVERS: dict[SolverName, _Solver] = {"trust_region": trust_region, "ipopt": ipopt}
+_SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
 def solve(
@@ -74,10 +72,8 @@ def solve(
 
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
-# Iterations of a rough solve.
 ROUGH_ITERATIONS = 60
-# Of dampings and frictions.
-DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
@@ -120,9 +116,8 @@ def multistart(
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
     execution = execution or Execution()
-    rough = _solved(
-        partial(_begin, tuple(problems), method), {f"start-{i}": x for i, x in enumerate(starts)}, execution
-    )
+    begin = partial(_begin, tuple(problems), method)
+    rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError(f"all {len(rough)} starts failed; the first with: {rough[0].message}")
