@@ -289,8 +289,8 @@ def check_scale(fit: ElasticFit, robot: Robot) -> None:
         rows.append(np.asarray(np.linalg.qr(np.vstack([flat.real.T, flat.imag.T]), mode="r")))
     R = np.vstack(rows)
     R /= np.maximum(np.linalg.norm(R, axis=0), 1e-300)
-    together, needed = _without_scale(R), []
-    parts = together
+    parts = together = _without_scale(R)
+    needed = []
     while np.any(parts[gains] > MIN_PART):
         place = int(np.argmax(np.where(gains, parts, 0.0)))
         needed.append(names[place])

@@ -129,18 +129,11 @@ def estimate_uncertainty(
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     share, band_hz = information_shares(parts, A_inverse)
-    return Uncertainty(  # the factors are no part of the result
-        covariance[:n_x, :n_x],
-        singular_values,
-        unreached[:n_x],
-        expected_cost,
-        cost_dof,
-        share[:, :n_x],
-        band_hz[:n_x],
-        weakest[:n_x],
-        disagreement(blocks, A_inverse),
-        shift[:n_x],
-    )
+    kept = slice(n_x)  # the factors are no part of the result
+    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
+    parted = disagreement(blocks, A_inverse)
+    estimate = covariance[kept, kept], singular_values, unreached[kept]
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept])
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:

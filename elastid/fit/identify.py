@@ -77,10 +77,7 @@ def identify(
 def fit_parameters(
     responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
 ) -> FitResult:
-    """The same estimate and status without notes and further intervals, for many fits that are compared.
-
-    Arguments and errors as `identify`.
-    """
+    """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
     optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, Execution())
     return judge(result, assembly, optimum, uncertainty, Execution()).result

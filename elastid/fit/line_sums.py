@@ -184,13 +184,11 @@ def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length
 
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:
     """Variances (n_x,) of x, zero for fewer than three configurations; A (n_x, n_x): J^T J of all, priors included."""
-    Q = len(parts)
+    Q, length = len(parts), np.sqrt(np.diag(A))
     if Q < 3:
         return np.zeros(len(A))
-    length = np.sqrt(np.diag(A))
     length[length == 0] = 1.0
-    moved = np.array([_moved_without(part, A, length) for part in parts])
-    t = small_sample_factor(Q)
+    moved, t = np.array([_moved_without(part, A, length) for part in parts]), small_sample_factor(Q)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
 
 

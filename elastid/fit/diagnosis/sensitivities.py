@@ -117,7 +117,8 @@ class HeldModel:
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
-            slopes[name] = _times(slopes[name], -(k**2))
+            stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCT"}
+            slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
         step = 1e-5  # rad, of finite differences
         for place, joint in enumerate(self.linearisation.model.robot.driven):
             angles = np.array(measured.configuration.angles)
@@ -165,11 +166,6 @@ def _position_loop(model: LinearModel, joint: str) -> dict[str, Slope]:
         return {}
     b = model.B[:, model.inputs.index(f"motor {joint}")]
     return {f"loop_{joint}": Slope(K=np.outer(b, b) / float(b @ np.linalg.solve(model.M, b)))}
-
-
-def _times(slope: Slope, factor: float) -> Slope:
-    parts = {letter: getattr(slope, letter) for letter in "MDKCT"}
-    return Slope(**{letter: None if part is None else factor * part for letter, part in parts.items()})
 
 
 def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:

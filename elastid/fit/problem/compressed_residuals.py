@@ -269,9 +269,7 @@ class NormalEquations:
         """To other processes without what is worked out again there."""
         return NormalEquations, (Columns(self.columns.kernel), self.residuals)
 
-    def at(
-        self, theta: FloatArray, precision: type[np.floating[Any]] = np.float64
-    ) -> tuple[float, FloatArray, FloatArray]:
+    def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.

@@ -36,9 +36,7 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 # Distance to the stationary point, in standard deviations of the estimate, at which a solve stops: FINE for the
 # estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
 # and so another optimum.
-FINE = 1e-3
-ROUGH = 0.1
-NEAR = 3.0
+FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
 _SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
