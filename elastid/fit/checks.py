@@ -177,10 +177,8 @@ def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
             raise DataError(f"{where}: an output, {error}; {other}") from None
 
 
-# Names of configurations to the motors' angles (n_u,).
-Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]
-# m: two ends nearer to each other are one point.
-MIN_DISTANCE_M = 1e-3
+Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]  # by name, the motors' angles (n_u,)
+MIN_DISTANCE_M = 1e-3  # two ends nearer to each other are one point
 
 
 def geometry_problems(
@@ -254,8 +252,7 @@ def _pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArra
     return poses.position[0], poses.rotation[0]
 
 
-# A parameter with a larger part in such a combination of length one belongs to it.
-MIN_PART = 1e-3
+MIN_PART = 1e-3  # of a combination of length one; a parameter with a larger part belongs to it
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:

@@ -28,7 +28,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -49,15 +49,13 @@ from elastid.fit.solve.trust_region import trust_region
 from elastid.fit.spec import FitSpec
 from elastid.parameters import ParameterSet
 
-BootstrapKind: TypeAlias = Literal["parametric", "residual"]
-
 
 def bootstrap(
     fit: ElasticFit,
     weights: Sequence[Weights],
     x: FloatArray,
     repetitions: int,
-    kind: BootstrapKind = "parametric",
+    kind: Literal["parametric", "residual"] = "parametric",
     seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:

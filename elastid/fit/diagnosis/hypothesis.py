@@ -57,8 +57,7 @@ class Limits:
 
 
 LIMITS = Limits()
-# The family of channels in another unit, whose readings follow from the size of the responses.
-SCALE = "scale"
+SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 
 
 @dataclass(frozen=True)

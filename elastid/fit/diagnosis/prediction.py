@@ -17,8 +17,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit, Part
 
-# Of arrays (..., F, n_y, n_u) of one configuration.
-Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]
+Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
@@ -80,10 +79,7 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
 def predict(
     reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, std: float = STEP_STD
 ) -> Prediction:
-    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of their priors.
-
-    std: of a prior of ln p that keeps the step near, for residuals of the size of the misfit.
-    """
+    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs; std: as STEP_STD."""
     n_x = len(prior)
     A, b, V, count = np.diag(prior**2), np.zeros(n_x), 0.0, 0
     for i, measured in enumerate(evaluated):

@@ -266,7 +266,6 @@ class NormalEquations:
     residuals: CompressedResiduals
 
     def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
-        """To other processes without what is worked out again there."""
         return NormalEquations, (Columns(self.columns.kernel), self.residuals)
 
     def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:

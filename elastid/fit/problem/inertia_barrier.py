@@ -23,8 +23,7 @@ from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
-# A start whose smallest principal second moment is below this share of their sum is moved off the border.
-MIN_ROUNDNESS = 1e-4
+MIN_ROUNDNESS = 1e-4  # smallest second moment over their sum, below which a start is moved off the border
 _TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 

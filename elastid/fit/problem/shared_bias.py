@@ -24,8 +24,7 @@ from elastid.fit.problem.elastic import ElasticFit, Part, mixed
 from elastid.fit.problem.least_squares import as_real
 from elastid.response import FrequencyResponse
 
-# Input, index and configuration of a factor; without one, of all configurations.
-Factor: TypeAlias = tuple[str, int, str]
+Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
 
 
 def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:

@@ -41,8 +41,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, FrequencyResponse
 
-# What is added to the diagonal, as a share of the mean variance of an output: keeps a model of exact data regular.
-MIN_VARIANCE_SHARE = 1e-9
+MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
 
 @dataclass(frozen=True)

@@ -156,8 +156,7 @@ class _ScaledProblem:
 
 
 _Outputs: TypeAlias = list[ca.DM]
-# A name and a sparsity for each argument or result.
-_Signature: TypeAlias = list[tuple[str, ca.Sparsity]]
+_Signature: TypeAlias = list[tuple[str, ca.Sparsity]]  # of each argument or result
 
 
 class _Callback(ca.Callback):

@@ -34,8 +34,7 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.parameters import ParameterSet
 
-# The first radius, for each variable: a factor of two in all logarithmic parameters.
-FIRST_RADIUS = np.log(2.0)
+FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
 # V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
 POOR_SHARE, GOOD_SHARE = 0.25, 0.75
 # The radius shrinks to a share of the step within these; to the first where V is not finite.
