@@ -24,7 +24,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit import result as result_room
 from elastid.fit.identify import identify
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec

@@ -9,7 +9,7 @@ from elastid.base.display import columns
 from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.parameters import Parameter
 from elastid.robot import Robot
 from elastid.study import Study

@@ -14,9 +14,9 @@ import numpy as np
 from elastid.app.work import Write, text
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import uncertain_modes

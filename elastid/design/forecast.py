@@ -2,7 +2,7 @@ r"""The forecast of a plan: standard deviations, correlations, undetermined dire
 
 .. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
 
-the covariance that the fit itself will state (`fit.uncertainty`) for the expected responses. The share
+the covariance that the fit itself will state (`fit.covariance`) for the expected responses. The share
 c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
 """
 
@@ -19,9 +19,9 @@ from elastid.base.note import Note
 from elastid.base.units import of_translation
 from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
+from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.parameters import ParameterSet
 
 

@@ -24,9 +24,9 @@ from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.problem.weights import weigh
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.linear.linearise import Linearisation

@@ -9,9 +9,9 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import index_of
+from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import group_labels
 from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
@@ -50,24 +50,7 @@ class FittedRobot:
         Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
         input or output of a response.
         """
-        return cls._of(result, robot, measured, spec, result.parameters.names, "")
-
-    @classmethod
-    def _of(
-        cls,
-        result: FitResult,
-        robot: Robot,
-        measured: Sequence[FrequencyResponse],
-        spec: ModelSpec,
-        geometry: Collection[str],
-        name: str,
-    ) -> FittedRobot:
-        linearisation = Linearisation.of_robot(robot, spec, geometry)
-        linear = _linearised(linearisation, result, measured)
-        names = result.parameters.names
-        is_of_all = {*names} == {*linearisation.model.parameters, DELAY}
-        of_all = linear if is_of_all else _linearised(Linearisation.of_robot(robot, spec, names), result, measured)
-        return cls(result, linearisation.model, tuple(measured), linear, of_all, name)
+        return _fitted(result, robot, measured, spec, result.parameters.names)
 
     @property
     def robot(self) -> Robot:
@@ -91,29 +74,24 @@ class FittedRobot:
     @property
     def responses(self) -> tuple[FrequencyResponse, ...]:
         """The model's frequency response for each measured one: its lines, inputs and outputs."""
-        return tuple(
-            replace(
-                to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz), rate_is_known=G.rate_is_known
-            )
-            for linear, G in zip(self.linear, self.measured, strict=True)
-        )
+        responses = []
+        for linear, G in zip(self.linear, self.measured, strict=True):
+            modelled = to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz)
+            responses.append(replace(modelled, rate_is_known=G.rate_is_known))
+        return tuple(responses)
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:
         """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        result = self.result
-        return tuple(
-            response_deviation(linear, G.freq_hz, result.parameters, result.x, result.covariance)[1]
-            for linear, G in zip(self.differentiated, self.measured, strict=True)
-        )
+        estimate = self.result.parameters, self.result.x, self.result.covariance
+        pairs = zip(self.differentiated, self.measured, strict=True)
+        return tuple(response_deviation(linear, G.freq_hz, *estimate)[1] for linear, G in pairs)
 
     @property
     def uncertain_modes(self) -> tuple[UncertainModes, ...]:
         """Natural frequencies and damping ratios of each configuration with their standard deviations."""
-        result = self.result
-        return tuple(
-            uncertain_modes(linear, result.parameters, result.x, result.covariance) for linear in self.differentiated
-        )
+        estimate = self.result.parameters, self.result.x, self.result.covariance
+        return tuple(uncertain_modes(linear, *estimate) for linear in self.differentiated)
 
     def response_shifts(self, configuration: str) -> ComplexArray:
         """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
@@ -143,8 +121,29 @@ def models_by_group(
     models = {}
     for label, (fitted, members) in robots_by_group(result, robot, [G.configuration.name for G in measured]).items():
         its = [G for G in measured if G.configuration.name in members]
-        models[label] = FittedRobot._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
+        models[label] = _fitted(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
     return models
+
+
+def _fitted(
+    result: FitResult,
+    robot: Robot,
+    measured: Sequence[FrequencyResponse],
+    spec: ModelSpec,
+    geometry: Collection[str],
+    name: str = "",
+) -> FittedRobot:
+    """geometry: coordinates that are parameters of the equations."""
+
+    def linearised(linearisation: Linearisation) -> tuple[LinearModel, ...]:
+        thetas = [_theta(result, linearisation.model, G.configuration.name) for G in measured]
+        return tuple(linear_model(linearisation, G, theta) for G, theta in zip(measured, thetas, strict=True))
+
+    linearisation, names = Linearisation.of_robot(robot, spec, geometry), result.parameters.names
+    linear = linearised(linearisation)
+    is_of_all = {*names} == {*linearisation.model.parameters, DELAY}
+    of_all = linear if is_of_all else linearised(Linearisation.of_robot(robot, spec, names))
+    return FittedRobot(result, linearisation.model, tuple(measured), linear, of_all, name)
 
 
 def parameters_of(result: FitResult, configuration: str) -> tuple[Parameter, ...]:
@@ -159,24 +158,12 @@ def robots_by_group(
     """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
     robots = {}
     for label, members in group_labels(result.parameters, list(configurations)).items():
-        numbers = {key: value for key, value in _numbers(result, members[0]).items() if key != DELAY}
+        numbers = dict(zip(result.parameters.names, result.theta_of(members[0]).tolist(), strict=True))
+        numbers.pop(DELAY, None)
         robots[label] = robot.with_parameters(numbers), tuple(members)
     return robots
 
 
-def _numbers(result: FitResult, configuration: str) -> dict[str, float]:
-    """The fitted numbers by name in a configuration, SI."""
-    return dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
-
-
-def _linearised(
-    linearisation: Linearisation, result: FitResult, measured: Sequence[FrequencyResponse]
-) -> tuple[LinearModel, ...]:
-    """The linear model of each measured configuration about the rest of the fitted numbers."""
-    model = linearisation.model
-    return tuple(linear_model(linearisation, G, _theta(result, model, G.configuration.name)) for G in measured)
-
-
 def _theta(result: FitResult, model: ElasticModel, configuration: str) -> FloatArray:
-    numbers = _numbers(result, configuration)
+    numbers = dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
     return np.array([numbers[name] for name in (*model.parameters, DELAY)])

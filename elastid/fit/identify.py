@@ -13,28 +13,30 @@ from collections.abc import Sequence
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.fit.assembly import Assembly, RelinearisedOptimum, relinearise
+from elastid.fit.checks import (
+    check_effects,
+    check_geometry,
+    check_responses,
+    check_scale,
+    find_contradictions,
+    find_copies,
+    find_same_postures,
+)
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.status import at_bound
+from elastid.fit.intervals import add_intervals
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.weights import check_factors
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise
-from elastid.fit.setup.parameter_checks import check_effects, check_geometry, check_scale
-from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.setup.response_checks import (
-    check_responses,
-    find_contradictions,
-    find_copies,
-    find_same_postures,
-)
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.uncertainty.intervals import add_intervals
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -75,10 +77,7 @@ def identify(
 def fit_parameters(
     responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
 ) -> FitResult:
-    """The same estimate and status without notes and further intervals, for many fits that are compared.
-
-    Arguments and errors as `identify`.
-    """
+    """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
     optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, Execution())
     return judge(result, assembly, optimum, uncertainty, Execution()).result
@@ -100,28 +99,20 @@ def _search(
     check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
-    _check_residuals(fit, assembly)
-    check_effects(fit, robot)
-    check_scale(fit, robot)
-    first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
-    criterion = "log" if first is not fit else spec.criterion
-    problems = [assembly.search_problem(first, criterion)]
-    problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
-    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
-    starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    return assembly, fit, starts, hits
-
-
-def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
-    """DataError where fewer real numbers are left than parameters, or none."""
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError(f"nothing is left to fit: {reason}")
     if fit.problem.dof < 1:
-        raise DataError(
-            f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters; fix some, or use "
-            "more lines"
-        )
+        few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
+        raise DataError(f"{few}; fix some, or use more lines")
+    check_effects(fit, robot)
+    check_scale(fit, robot)
+    problems = [assembly.search_problem(fit, spec.criterion)]
+    if spec.log_first and spec.criterion == "complex":
+        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
+    starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
+    return assembly, fit, starts, hits
 
 
 def _estimate(
@@ -129,27 +120,12 @@ def _estimate(
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
-    data = optimum.fit, optimum.responses, optimum.weights
-    uncertainty = estimate_uncertainty(*data, optimum.end.x, execution)
-    return optimum, uncertainty, _result(optimum, uncertainty, starts, hits)
-
-
-def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
-    """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
-    responses = assembly.responses
-    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
-    unlike = find_contradictions(responses, assembly.spec.robots)
-    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
-
-
-def _result(
-    optimum: RelinearisedOptimum, uncertainty: Uncertainty, starts: tuple[LocalOptimum, ...], hits: int
-) -> FitResult:
     fit, end = optimum.fit, optimum.end
+    uncertainty = estimate_uncertainty(fit, optimum.responses, optimum.weights, end.x, execution)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
-    return FitResult(
+    result = FitResult(
         parameters=fit.parameters.with_means(end.x),
         x=end.x,
         covariance=uncertainty.covariance,
@@ -164,9 +140,18 @@ def _result(
         at_bound=at_bound(fit.parameters, end.x),
         singular_values=uncertainty.singular_values,
         criterion=fit.parts[0].criterion,
-        configurations=tuple(part.kernel.model.configuration.name for part in fit.parts),
-        share=uncertainty.shares.share,
-        informing_hz=uncertainty.shares.band_hz,
-        weakest=uncertainty.shares.weakest,
+        configurations=tuple(part.configuration for part in fit.parts),
+        share=uncertainty.share,
+        informing_hz=uncertainty.informing_hz,
+        weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts),
     )
+    return optimum, uncertainty, result
+
+
+def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
+    """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
+    responses = assembly.responses
+    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
+    unlike = find_contradictions(responses, assembly.spec.robots)
+    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))

@@ -129,7 +129,7 @@ class FitResult:
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `InformationShares`.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
 
@@ -162,7 +162,6 @@ class FitResult:
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         n_x = len(self.parameters.free)
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
@@ -235,11 +234,10 @@ class FitResult:
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
-        parameter = self.parameters.free[i]
         reach = QUANTILE_95 * float(np.sqrt(self.covariance[i, i]))
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
-            return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+            return (float(np.exp(low)), float(np.exp(high))) if self.parameters.free[i].log else (low, high)
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of one parameter; UnknownNameError for a name that was not identified."""
@@ -252,17 +250,12 @@ class FitResult:
         std and the 95 % interval are NaN of a number that was held or tied. ElastidError where pandas is not installed.
         """
         values, std, free = self.values, self.std, self.parameters.free_names
+        ends = {name: self.interval(name) for name in free}
+        nan, columns = math.nan, ["value", "std", "low", "high", "unit", "free"]
         rows = {
-            p.name: (
-                values[p.name],
-                std.get(p.name, math.nan),
-                *(self.interval(p.name) if p.name in free else (math.nan, math.nan)),
-                p.unit,
-                p.name in free,
-            )
+            p.name: (values[p.name], std.get(p.name, nan), *ends.get(p.name, (nan, nan)), p.unit, p.name in free)
             for p in self.parameters
         }
-        columns = ["value", "std", "low", "high", "unit", "free"]
         return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:

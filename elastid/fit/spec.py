@@ -42,7 +42,6 @@ class FactorSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a negative factor and a band upside down."""
         if not 0 <= self.factor < math.inf:
             raise ValueError(f"factor is {self.factor:g}; it multiplies a weight: 0 or more, commonly 0.1 to 10")
         check_band(self.band_hz)
@@ -90,13 +89,11 @@ class WeightSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse negative settings."""
         if self.floor < 0 or self.smooth < 0:
             raise ValueError("floor and smooth must not be negative")
 
 
-# Whatever is more is a slip of the pen.
-MOST_STARTS = 10_000
+MOST_STARTS = 10_000  # whatever is more is a slip of the pen
 
 
 @section
@@ -113,7 +110,6 @@ class PriorSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a distribution without width."""
         if not 0 < self.std < math.inf:
             raise ValueError(f"std is {self.std:g}; it must be positive, or fix the parameter (fixed: true)")
 
@@ -135,7 +131,6 @@ class TieSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a frequency that cannot divide."""
         if self.at_hz is not None and not self.at_hz > 0:
             raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
 
@@ -190,7 +185,6 @@ class ParameterSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be together."""
         if self.per is not None and (self.fixed or self.tie is not None):
             raise ValueError("per is for a parameter that is identified, neither fixed nor tied")
         further = [name for name in ("start", "bounds", "prior") if getattr(self, name) is not None]
@@ -255,7 +249,6 @@ class FitSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a multistart without starts or without end, a band upside down, a configuration of two robots."""
         check_kind(self.parameters, Mapping, "parameters", "give names, such as {'k_*': ParameterSpec()}")
         measured = [name for names in self.robots.values() for name in names]
         for name in measured:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.uncertainty.intervals import Profile
 from elastid.store.files import write_text
 from elastid.store.kinds import from_json, json_value
 from elastid.validation.comparison import Refit

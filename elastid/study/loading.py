@@ -14,7 +14,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
 from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.base.units import Quantity, to_si
-from elastid.fit.setup.parameter_choice import choose, named_on_demand, nearest_parameter
+from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.robot.friction_numbers import friction_numbers, with_numbers

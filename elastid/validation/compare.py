@@ -27,8 +27,8 @@ from elastid.base.errors import ElastidError, StudyError
 from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
+from elastid.fit.parameter_choice import choose, is_group_key
 from elastid.fit.problem.weights import weigh
-from elastid.fit.setup.parameter_choice import choose, is_group_key
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse

@@ -49,11 +49,11 @@ from timing import cpu_seconds, in_turn
 
 from elastid.base.arrays import FloatArray
 from elastid.base.kernels import description, is_compiled
+from elastid.fit.assembly import Assembly
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LeastSquares, as_real
 from elastid.fit.problem.weights import vec
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation

@@ -15,7 +15,7 @@ Linkage arm, 1000, intervals symmetric in the logarithm: 94.8 %, scatter 0.98 to
 known to 39 % only, where no linear bound holds. With intervals by profile likelihood where V is not quadratic, as a fit
 has them, 200 data sets: 95.7 %; and with 0.5 % of noise (--noise 0.005), 400: 95.7 %, 0.95 to 1.09, 1.03 to 1.06.
 
-With a wrong model, where the disagreement of configurations counts (`fit.uncertainty.jackknife`), without a floor and
+With a wrong model, where the disagreement of configurations counts (`fit.line_sums`), without a floor and
 with one of 1 %: demo robot, 100 data sets each, a hidden mode 95 and 97 %, masses 2 % off 89 and 73 %, one to three
 times the friction that the model holds alike 83 and 84 %; linkage arm, 100 each, symmetric intervals, 92 and 94 %, 58
 and 78 %, 73 and 83 %; three-mass axis (one configuration), 91 and 91 %, 32 and 47 %, 41 and 55 %. What the parameters
@@ -44,11 +44,11 @@ from study_plants import NOISE, Plant, Rig, demo, of_study, responses, three_mas
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
+from elastid.fit.assembly import RelinearisedOptimum, relinearise
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty, inverse_information
+from elastid.fit.intervals import choose_profiles, profile_ends
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.setup.assembly import RelinearisedOptimum, relinearise
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty, inverse_information
-from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
 from elastid.response import FrequencyResponse
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}

@@ -33,9 +33,9 @@ from study_plants import Plant, Rig, demo, of_study, three_mass
 
 from elastid.base.errors import ElastidError
 from elastid.base.execution import ordered
+from elastid.fit.assembly import relinearise
 from elastid.fit.identify import identify
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.setup.assembly import relinearise
 from elastid.fit.solve.solvers import MAX_HIT_EXCESS
 from elastid.robot import Robot
 

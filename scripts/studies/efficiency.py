@@ -47,10 +47,10 @@ from study_plants import Plant, demo, responses
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.base.statistics import QUANTILE_95
+from elastid.fit.covariance import estimate_uncertainty, inverse_information
 from elastid.fit.problem.elastic import elastic_fit, linear_model
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import estimate_uncertainty, inverse_information
 from elastid.linear.fitted_model import response_shifts
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate

@@ -50,9 +50,9 @@ from study_plants import Plant, Rig, demo, responses, three_mass
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.excitation.multisine import orthogonal_set
+from elastid.fit.assembly import relinearise
 from elastid.fit.identify import fit_parameters
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.setup.assembly import relinearise
 from elastid.fit.solve.solvers import MAX_HIT_EXCESS
 from elastid.fit.spec import WeightSpec
 from elastid.frf.covariance import total_covariance, total_error

@@ -50,6 +50,7 @@ from study_plants import Plant, Rig, demo, of_study, six_axes, three_mass
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.statistics import QUANTILE_95
+from elastid.fit.intervals import choose_profiles, profile_ends
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.solve.solvers import (
@@ -62,7 +63,6 @@ from elastid.fit.solve.solvers import (
     solve,
     spread,
 )
-from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
 from elastid.parameters import ParameterSet
 
 Solver: TypeAlias = Literal["trust_region", "ipopt", "least_squares"]

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.fit.assembly import NEAR_ENOUGH, Assembly, relinearise
+from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.weights import weigh
-from elastid.fit.setup.assembly import NEAR_ENOUGH, Assembly, relinearise
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

@@ -7,7 +7,7 @@ from plants.hostile_names import FILES, HOSTILE, REFUSED
 
 from elastid.base.errors import StudyError
 from elastid.base.names import check_different, check_file_name, check_name, is_match, matching
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Body, Frame, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot

@@ -13,11 +13,11 @@ from plants.notes import said
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
+from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import SolverName, solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration

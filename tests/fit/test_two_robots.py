@@ -17,8 +17,8 @@ from elastid.app import cli
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response

@@ -10,7 +10,7 @@ import pytest
 
 from elastid.base.errors import StudyError
 from elastid.export.mujoco import mjcf
-from elastid.fit.setup.parameter_choice import choose, named_geometry
+from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.kernel import Kernel

@@ -7,8 +7,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response, to_response

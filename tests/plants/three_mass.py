@@ -6,12 +6,12 @@
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, ParameterSet

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastid.fit.intervals import Profile
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.uncertainty.intervals import Profile
 from elastid.store.checkpoint import Checkpoint
 from elastid.validation.comparison import LeftOut, Refit
 

@@ -6,7 +6,7 @@ import pytest
 
 from elastid.app.overview import overview
 from elastid.base.errors import StudyError
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.study import Study, load
 
 TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "serial"

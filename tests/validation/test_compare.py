@@ -9,7 +9,7 @@ import pytest
 from plants.two_axes import ROBOT
 
 from elastid.base.errors import StudyError
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

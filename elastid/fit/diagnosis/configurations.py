@@ -28,32 +28,23 @@ from elastid.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of configurations; false-alarm rates: not measured.
+    """Thresholds of the judgement of configurations; false-alarm rates: not measured."""
 
-    explained_share: of the excess of V; where a cause explains more, no configurations are sought that differ.
-    residual_ratio: of a configuration's residuals to the median of all, beyond which it is unlike the others.
-    removed_share, removed_alone: of V beyond the noise that two groups, and own parameters of each configuration,
-    remove.  cost_ratio, cost_ratio_alone: V of the others without foreign configurations over V with them, and the same
-    with own parameters.  difference: of a parameter between groups, in standard deviations.
-    rounds, iterations, prior_std: of the search for two groups, its fits, and the prior of ln p about the common
-    optimum, since one configuration does not determine everything.  decrease: of V by a step, as a share, below which a
-    fit without foreign configurations ends; two are left out at once of up to `pairs_of` configurations.
-    named: parameters that a note names.
-    """
-
-    explained_share: float = 0.8
-    residual_ratio: float = 5.0
+    explained_share: float = 0.8  # of the excess; where a cause explains more, no configurations are sought that differ
+    residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
+    # Of V beyond the noise, that two groups, and own parameters of each configuration, remove.
     removed_share: float = 0.8
     removed_alone: float = 0.5
+    # V of the others without foreign configurations over V with them, and the same with own parameters.
     cost_ratio: float = 0.1
     cost_ratio_alone: float = 0.5
-    difference: float = 5.0
-    rounds: int = 4
-    iterations: int = 40
-    prior_std: float = 0.3
-    decrease: float = 0.1
-    pairs_of: int = 6
-    named: int = 3
+    difference: float = 5.0  # of a parameter between groups, in standard deviations
+    rounds: int = 4  # of the search for two groups
+    iterations: int = 40  # of its fits
+    prior_std: float = 0.3  # of ln p about the common optimum: one configuration does not determine everything
+    decrease: float = 0.1  # of V by a step, as a share, below which a fit without foreign configurations ends
+    pairs_of: int = 6  # configurations up to which two are left out at once
+    named: int = 3  # parameters in a note
 
 
 LIMITS = Limits()
@@ -77,17 +68,12 @@ def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ..
     fit = measured(fit)
     if len(fit.parts) < 3:
         return ()
-    counts = np.array([part.n_residuals for part in fit.parts])
-    level = np.sqrt(np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts]) / counts)
-    ratios = level / float(np.median(level))
+    level = np.sqrt(_costs(fit, x) / np.array([part.n_residuals for part in fit.parts]))
+    level = level / float(np.median(level))
+    others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(
-        Note(
-            "unlike-configuration",
-            f"its residuals are {ratio:.0f} times those of the other configurations; is it of "
-            "the same robot, with the same load, at the stated angles?",
-            f"configuration {part.configuration}",
-        )
-        for part, ratio in zip(fit.parts, ratios, strict=True)
+        Note("unlike-configuration", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        for name, ratio in zip((part.configuration for part in fit.parts), level, strict=True)
         if ratio > LIMITS.residual_ratio
     )
 
@@ -99,8 +85,7 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
     """
     fit = measured(fit)
     thin, Q = thinned(fit), len(fit.parts)
-    own = np.zeros(Q) if alone is None else np.diag(alone)
-    common = np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts])
+    own, common = np.zeros(Q) if alone is None else np.diag(alone), _costs(fit, x)
     free = np.ones(len(x), dtype=bool)
     for size in range(1, 3 if LIMITS.pairs_of >= Q else 2):
         ratios: dict[tuple[int, ...], float] = {}
@@ -116,14 +101,11 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
         if ratios:
             best = min(ratios, key=lambda left_out: ratios[left_out])
             names = " and ".join(fit.parts[i].configuration for i in best)
-            return (
-                Note(
-                    "foreign-configuration",
-                    f"without configuration {names} the model fits the others far better (V of these falls to "
-                    f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the "
-                    "stated angles?",
-                ),
+            text = (
+                f"without configuration {names} the model fits the others far better (V of these falls to "
+                f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the stated angles?"
             )
+            return (Note("foreign-configuration", text),)
     return ()
 
 
@@ -138,16 +120,13 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
     values = dict(zip(fit.parameters.free_names, x.tolist(), strict=True))
 
     def near(p: Parameter) -> Parameter:
-        """The parameter with a loose prior at x, if it has none and is logarithmic."""
         if p.name not in values or p.prior is not None or not p.log:
             return p
         return replace(p, prior=Prior(math.exp(values[p.name]), LIMITS.prior_std))
 
-    parameters = replace(fit.parameters, parameters=tuple(map(near, fit.parameters.parameters)))
+    own = replace(fit, parameters=replace(fit.parameters, parameters=tuple(map(near, fit.parameters.parameters))))
     try:
-        return np.array(
-            [_costs(fit, _solve(replace(fit, parameters=parameters, parts=(part,)), x)) for part in fit.parts]
-        )
+        return np.array([_costs(fit, _solve(replace(own, parts=(part,)), x)) for part in fit.parts])
     except FitError:
         return None
 
@@ -240,7 +219,6 @@ def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
 
 
 def _differences(fit: ElasticFit, split: _Split) -> str:
-    """The parameters that differ most, with both values."""
     variance = sum(
         np.diag(np.linalg.pinv(_group(fit, group).evaluate(x).hessian / 2, hermitian=True))
         for group, x in ((~split.in_second, split.first), (split.in_second, split.second))

@@ -25,13 +25,13 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
+from elastid.fit.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
 from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import FitResult, ModificationIndex
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
-from elastid.fit.uncertainty.covariance import Uncertainty
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 
@@ -40,28 +40,24 @@ Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 class Limits:
     """Thresholds of causes and their sentences; at most 1 % of clean fits have a sentence.
 
-    (scripts/studies/modification_indices.py, 300 fits.)  suspect_model_error, suspect_explained_share: beyond this
-    model error or, where the noise is unknown, below this share responses may have been misread; false-alarm rate: not
-    measured.  false_alarm_rate: probability that any of the candidates has so large a drop by the noise alone;
-    Bonferroni over all candidates, not a false discovery rate: a single false cause in a report is one too many, and
-    their drops are strongly correlated.  stated_share: of the excess, below which a cause has no sentence;
-    reason_share: below which even the best is not named as the reason.  alternatives: causes that a sentence names
-    besides; effect: the least on a stiffness that it names.  prior_std: the widest prior that is recommended.
+    (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
+    discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
     """
 
+    # Beyond this model error or, where the noise is unknown, below this share responses may have been misread; their
+    # false-alarm rate: not measured.
     suspect_model_error: float = 10.0
     suspect_explained_share: float = 0.9
-    false_alarm_rate: float = 0.01
-    stated_share: float = 0.1
-    reason_share: float = 0.3
-    alternatives: int = 3
-    effect: float = 0.005
-    prior_std: float = 0.5
+    false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
+    stated_share: float = 0.1  # of the excess, below which a cause has no sentence
+    reason_share: float = 0.3  # of the excess, below which even the best is not named as the reason
+    alternatives: int = 3  # causes that a sentence names besides
+    effect: float = 0.005  # the least on a stiffness that a sentence names
+    prior_std: float = 0.5  # the widest prior that is recommended
 
 
 LIMITS = Limits()
-# The family of channels in another unit, whose readings follow from the size of the responses.
-SCALE = "scale"
+SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 
 
 @dataclass(frozen=True)
@@ -99,16 +95,15 @@ class Hypothesis:
     def number(self, name: str, value: float, unit: str = "") -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
         size = self.size or Size(0.1, 1.0, log=True)
-        unit = unit or size.unit
-        if size.log and value > 0:
-            return HeldNumber(name, self.family, value, unit, True, -size.limit, size.limit, size.usual)
+        log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
         is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
-        if size.grows or (size.log and value == 0 and not is_product_of_inertia):
-            return HeldNumber(name, self.family, value, unit, False, 0.0, math.inf, math.inf)
-        if size.log:
-            return HeldNumber(name, self.family, value, unit, False, -math.inf, math.inf, math.inf)
-        lower = -value if name == "delay" else -size.limit
-        return HeldNumber(name, self.family, value, unit, False, lower, size.limit, size.usual)
+        if not log and (size.grows or (size.log and value == 0 and not is_product_of_inertia)):
+            limits = 0.0, math.inf, math.inf
+        elif not log and size.log:
+            limits = -math.inf, math.inf, math.inf
+        elif not log and name == "delay":
+            limits = -value, size.limit, size.usual
+        return HeldNumber(name, self.family, value, unit or size.unit, log, *limits)
 
 
 def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
@@ -169,10 +164,9 @@ class Evidence:
         fit, x = self.optimum.fit, self.optimum.end.x
         left, total = 0.0, 0.0
         for part in fit.parts:
-            weight = part.gain * np.abs(error_gain(part.criterion, part.measured))
-            used = part.gain > 0
-            error = np.where(used, weight * (part.measured - part.kernel.response(fit.theta(part, x))), 0.0)
-            left += float(np.sum(np.abs(error) ** 2))
+            weight, used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
+            error = part.measured - part.kernel.response(fit.theta(part, x))
+            left += float(np.sum(np.abs(np.where(used, weight * error, 0.0)) ** 2))
             total += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
         return 1 - max(left - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
 
@@ -193,11 +187,6 @@ class Evidence:
         """The share of the excess of V that the first cause explains."""
         return next((index.share for index in self.result.indices), 0.0)
 
-    @property
-    def misread_families(self) -> set[str]:
-        """Families of hypotheses that read the responses otherwise."""
-        return {h.family for h in self.hypotheses if h.changes is not None} | {SCALE}
-
 
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 
@@ -205,16 +194,15 @@ CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prio
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
+    texts = [_sentence(index, evidence) for index in sequence if index.share >= LIMITS.stated_share]
     if sequence and sequence[0].share < LIMITS.reason_share:
         best = sequence[0]
-        text = (
+        texts = [
             f"no number that the fit held explains more than {_percent(best.share)} of what the residuals have beyond "
             f"the noise ({phrase(best, evidence)} does): an elastic joint may be missing in the robot's file; add "
             "those that are possible and let elastid compare --search find which the data show"
-        )
-        return (Note("modification-index", text),)
-    stated = [index for index in sequence if index.share >= LIMITS.stated_share]
-    return tuple(Note("modification-index", _sentence(index, evidence)) for index in stated)
+        ]
+    return tuple(Note("modification-index", text) for text in texts)
 
 
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
@@ -249,13 +237,12 @@ def number_phrase(index: ModificationIndex) -> str:
 
 
 def _advice(index: ModificationIndex, evidence: Evidence) -> str:
-    """The next action."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if not isinstance(advice, str):
         return advice(index, evidence.result)
-    size = None if hypothesis is None else hypothesis.size
-    usual = min(0.1 if size is None else size.usual, LIMITS.prior_std)
+    size = hypothesis and hypothesis.size
+    usual = min(size.usual if size else 0.1, LIMITS.prior_std)
     return advice.format(name=index.name, where=index.name.partition("_")[2], usual=usual)
 
 

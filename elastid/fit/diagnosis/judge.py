@@ -3,20 +3,24 @@
 Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
 readings of channels and postures, springs that the robot's file lacks.  Causes are ranked by the share of the excess of
 V that each explains, times the prior plausibility of its family; the best is followed by what explains more with it.
+Last come undetectable errors of held numbers: no test of the responses finds them, since free parameters take them up.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.fit.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.configurations import LIMITS
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
@@ -31,51 +35,36 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.lateness import as_delay
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
-from elastid.fit.diagnosis.status import decisive_index, estimate_notes, with_status
-from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
+from elastid.fit.diagnosis.sensitivities import RATE, HeldModel, evaluate_held
+from elastid.fit.diagnosis.status import MISFIT, decisive_index, estimate_notes, with_status
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult, ModificationIndex
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
-from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
 class RankingLimits:
-    """Thresholds of the ranking of causes; false-alarm rates: not measured.
+    """Thresholds of the ranking of causes; false-alarm rates: not measured."""
 
-    residuals: real ones of the score test; with more, every so many lines of each configuration are taken.
-    equal_correlation (squared), equal_drop: ratio of the drops, from which two candidates cannot be distinguished;
-    same_drop: from which the more usual of the two is named first.  number_share: of the excess, charged for each
-    further number that is freed at once; further_share: that each in a sequence explains.  sequence, alone, ranked:
-    candidates in a sequence, in the table, and those that are judged by their forms.
-    """
-
-    residuals: int = 60_000
+    residuals: int = 60_000  # real ones of the score test; with more, every so many lines are taken
+    # Squared, and the ratio of the drops, from which two candidates cannot be distinguished.
     equal_correlation: float = 0.95
     equal_drop: float = 0.9
-    same_drop: float = 0.99
-    number_share: float = 0.03
-    further_share: float = 0.05
-    sequence: int = 3
-    alone: int = 15
-    ranked: int = 25
+    same_drop: float = 0.99  # ratio from which the more usual of the two is named first
+    number_share: float = 0.03  # of the excess, charged for each further number that is freed at once
+    further_share: float = 0.05  # of the excess, that each in a sequence explains
+    sequence: int = 3  # candidates in a sequence
+    alone: int = 15  # in the table
+    ranked: int = 25  # judged by their forms
 
 
 RANKING = RankingLimits()
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """J^T J (n, n), J^T r (n,) and r^T r; held: names of the columns of J after those of x (n_x,)."""
-
-    A: FloatArray
-    b: FloatArray
-    V: float
-    held: tuple[str, ...]
+# J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
+_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
 
 
 def score(evidence: Evidence, execution: Execution) -> Scores:
@@ -84,46 +73,38 @@ def score(evidence: Evidence, execution: Execution) -> Scores:
     held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RANKING.residuals)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
     sums = partial(_sums, held, assembly.parameters, x, columns)
-    parts = [part for part in thin.parts if part.n_residuals]
-    A, b, V, names = _added(execution.ordered(sums, parts), len(x))
+    A, b, V, names = _added(execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every = np.concatenate([np.ones(len(x)), scale])
     A, b = A * np.outer(every, every), b * every
     A[range(len(x)), range(len(x))] += fit.prior_slopes**2
+    test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
+    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
     lines = thin.n_residuals / max(fit.n_residuals, 1)
     noise = evidence.noise_cost * lines
-    return Scores(
-        held,
-        ScoreTest.of(numbers, A, b, ~evidence.result.at_bound),
-        tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses)),
-        V - noise,
-        (noise or V) / max(thin.n_residuals - len(x), 1),
-        lines,
-        evidence.noise_cost,
-    )
+    level = (noise or V) / max(thin.n_residuals - len(x), 1)
+    return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost)
 
 
 def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
-    """The sums over one configuration."""
     evaluated = evaluate_held(held, fitted, x, columns, part)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
     r = evaluated.residual
-    return _Sums(J @ J.T, J @ r, float(r @ r), tuple(evaluated.held))
+    return J @ J.T, J @ r, float(r @ r), tuple(evaluated.held)
 
 
-def _added(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
-    """J^T J, J^T r and r^T r over all configurations, and the names of the columns after those of x."""
+def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
     A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
-    for sums in every:
-        for name in sums.held:
+    for own_A, own_b, own_V, held in every:
+        for name in held:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
         A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
-        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in sums.held]]).astype(int)
-        A[np.ix_(places, places)] += sums.A
-        b[places] += sums.b
-        V += sums.V
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
+        A[np.ix_(places, places)] += own_A
+        b[places] += own_b
+        V += own_V
     return A, b, V, tuple(names)
 
 
@@ -137,12 +118,11 @@ def _held_numbers(
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
     numbers, scale = [], []
     for name in names:
-        is_ratio = name.startswith("ratio_")
-        value, unit = values.get(name, 0.0), units.get(name, "")
+        is_ratio, value, unit = name.startswith("ratio_"), values.get(name, 0.0), units.get(name, "")
         if name in held.rigid:
             name, value, unit = held.rigid[name], 0.0, ""
         elif is_ratio:
-            value, unit = abs(robot.ratio(name.removeprefix("ratio_"))), ""
+            value = abs(robot.ratio(name.removeprefix("ratio_")))
         number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
         numbers.append(number)
         scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
@@ -155,25 +135,23 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.
     """
     place = {number.name: i for i, number in enumerate(numbers)}
-    single = [Candidate(number.name, number.family, np.array([i]), np.eye(1)) for i, number in enumerate(numbers)]
+    every = [Candidate(number.name, number.family, np.array([i]), np.eye(1)) for i, number in enumerate(numbers)]
 
-    def common(name: str, members: list[int]) -> list[Candidate]:
-        if len(members) < 2 or len({numbers[i].log for i in members}) > 1:
-            return []
-        return [Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1)))]
+    def add_common(name: str, members: list[int]) -> None:
+        if len(members) > 1 and len({numbers[i].log for i in members}) == 1:
+            every.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
-    joint: list[Candidate] = []
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
-        joint += common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
+        add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
     for body in robot.bodies:
         moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
-        joint += common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
+        add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
         inertial = [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz")]
         inertial += [f"I_{body.name}{suffix}" for suffix in body.inertia_entries]
         members = [place[name] for name in inertial if name in place]
         if inertial[0] in place and len(members) > 1:
-            joint.append(Candidate(f"payload_{body.name}", "payload", np.array(members), np.eye(len(members))))
-    return [*single, *joint]
+            every.append(Candidate(f"payload_{body.name}", "payload", np.array(members), np.eye(len(members))))
+    return every
 
 
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
@@ -183,9 +161,8 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
     may be of a small excess.
     """
     indices = _ranked(scores.test, scores)
-    for hypothesis in evidence.hypotheses:
-        if hypothesis.search is not None:
-            indices = hypothesis.search(indices, evidence, scores)
+    for search in (h.search for h in evidence.hypotheses if h.search is not None):
+        indices = search(indices, evidence, scores)
     if not indices:
         return ()
 
@@ -221,11 +198,11 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
         if linear not in by_name or before.group == "compliance":  # a further resonance is no linear change
             break
         test = test.freed(by_name[linear])
-        best = [index for index in _ranked(test, scores, place, 1)[:1] if index.share >= RANKING.further_share]
-        if not best:
+        best = _ranked(test, scores, place, 1)[:1]
+        if not best or best[0].share < RANKING.further_share:
             break
-        further += best
         before = best[0]
+        further.append(before)
     return further
 
 
@@ -298,3 +275,91 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     undetectable = find_undetectable_errors(result, evidence.scores)
     of_families = (note for family_notes in by_family.values() for note in family_notes)
     return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))
+
+
+@dataclass(frozen=True)
+class UndetectableError:
+    """name, family: of a held number.  per_std: its error that moves parameter (its place in x) by one deviation.
+
+    error: the largest common one that nothing finds; both of ln p where log, else SI in unit.
+    """
+
+    name: str
+    family: str
+    unit: str
+    log: bool
+    parameter: int
+    per_std: float
+    error: float
+
+    @property
+    def moved(self) -> float:
+        """The undetected error of the parameter, in its standard deviations."""
+        return self.error / self.per_std
+
+    def amount(self, error: float) -> str:
+        """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
+        size = f"{100 * error:.2g} %" if self.log or self.unit == "1" else f"{error:.2g} {self.unit}"
+        return f"{size} of {'rate_hz' if self.name == RATE else self.name}"
+
+
+def undetectable_errors(result: FitResult, scores: Scores) -> Iterator[UndetectableError]:
+    r"""Of every held number, alone or with all of its kind by one factor, whose error moves a parameter.
+
+    A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
+    Of a number h, with S and the effects of the score test and the standard deviations of x,
+
+    .. math:: e_1 = \min_i \frac{\sigma_i}{|\partial x_i / \partial h|}, \qquad e_\text{undetectable} = \sqrt{D / S}
+
+    are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
+    no more than what shows a model to be wrong (D, `status.MISFIT.drop`).
+    """
+    test, std = scores.test, np.sqrt(np.diag(result.covariance))
+    for candidate in scores.candidates:
+        places, first = candidate.places, test.numbers[candidate.places[0]]
+        if candidate.directions.shape[1] > 1 or not math.isfinite(first.usual):
+            continue
+        direction = candidate.directions[:, 0]
+        effects = np.abs(test.response[:, places] @ direction)
+        # A parameter that the data do not reach is not moved.
+        moved = np.divide(effects, std, out=np.zeros(len(std)), where=np.isfinite(std) & (std > 0))
+        worst = int(np.argmax(moved))
+        if moved[worst] == 0:
+            continue
+        information = float(direction @ test.S[np.ix_(places, places)] @ direction) / scores.lines
+        is_detectable = test.known[places].any() and information > 0
+        error = min(first.usual, math.sqrt(MISFIT.drop / information)) if is_detectable else first.usual
+        of_number = candidate.name, candidate.family, first.unit, first.log
+        yield UndetectableError(*of_number, worst, 1 / float(moved[worst]), error)
+
+
+def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[Note, ...]:
+    """A sentence on the worst of several kinds of numbers, where the intervals are stated as they stand."""
+    if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
+        return ()
+    errors = sorted(undetectable_errors(result, scores), key=lambda error: error.moved, reverse=True)
+    errors = [error for error in errors if error.moved > MISFIT.effect]
+    if not errors:
+        return ()
+    worst = {error.family: error for error in reversed(errors)}
+    named = [error for error in errors if worst[error.family] is error][:3]  # one of a kind
+    further = sum(not error.name.endswith("*") for error in errors if error not in named)
+    moves = [
+        f"{_stated(place, result)} moves by one standard deviation with "
+        + " or ".join(error.amount(error.per_std) for error in named if error.parameter == place)
+        for place in dict.fromkeys(error.parameter for error in named)
+    ]
+    more = f", and others with {further} further numbers" if further else ""
+    text = (
+        f"the intervals take as exact what the fit held: {', '.join(moves)}{more}; up to "
+        f"{errors[0].amount(errors[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
+        "with a prior"
+    )
+    return (Note("held-as-exact", text, severity="information"),)
+
+
+def _stated(place: int, result: FitResult) -> str:
+    parameter = result.parameters.free[place]
+    value, std = result.values[parameter.name], result.std[parameter.name]
+    share = f"{100 * std / abs(value):.2g} %" if parameter.log else f"{std:.2g} {parameter.unit}"
+    return f"{parameter.name} (stated to {share})"

@@ -30,22 +30,18 @@ Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of lateness; false-alarm rates: not measured.
+    """Thresholds of the judgement of lateness; false-alarm rates: not measured."""
 
-    edge_phase: f T at the upper edge of the longest that is sought.  evaluations: of the search in one dimension.
-    share, part_of_best: of the excess and of the best delay's share, from which a delay is followed by its forms;
-    followed: delays that are.  form_drop, form_share: differences of V, in variances of the noise and as a share of
-    the remaining excess, below which forms cannot be distinguished.  std: of ln p, where the data constrain p.
-    """
-
-    edge_phase: float = 0.8
-    evaluations: int = 14
+    edge_phase: float = 0.8  # f T at the upper edge of the longest that is sought
+    evaluations: int = 14  # of the search in one dimension
+    # Of the excess and of the best delay's share, from which a delay is followed by its forms.
     share: float = 0.1
     part_of_best: float = 0.5
-    followed: int = 2
+    followed: int = 2  # delays
+    # Differences of V, in variances of the noise and of what remains, below which forms cannot be distinguished.
     form_drop: float = 10.0
     form_share: float = 0.01
-    std: float = 1.0
+    std: float = 1.0  # of ln p, where the data constrain p
 
 
 LIMITS = Limits()
@@ -116,27 +112,21 @@ class LatenessSearch:
 
     def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
         """The best T of each form of an output (y), an input (u) or of all (""), near a delay of `start`."""
-        yield self._best("delay", delay, role, place, start)
-        yield self._best("low_pass", low_pass, role, place, start)
-        if role != "y":
-            yield self._best("hold", hold, role, place, 2.0 * start)
+        forms: list[tuple[str, Factor, float]] = [("delay", delay, start), ("low_pass", low_pass, start)]
+        forms += [("hold", hold, 2.0 * start)] if role != "y" else []
+        for form, factor, T in forms:
+            yield self._between(form, factor, role, place, (0.3 * T, 2.0 * T))
 
     def best_hold(self, delay_is_free: bool = False) -> Late:
         """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
         factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
         # Starts by f T at the upper edge: next to a free delay the sinc is flat at zero.
-        holds = [
-            self._between("hold", factor, "", "", (0.2 * phase / edge_hz, 2 * phase / edge_hz))
-            for phase in (-0.1, 0.1, 0.4)
-        ]
-        return min(holds, key=lambda late: late.cost)
+        ends = [(0.2 * phase / edge_hz, 2 * phase / edge_hz) for phase in (-0.1, 0.1, 0.4)]
+        return min((self._between("hold", factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
 
     @property
     def _edge_hz(self) -> float:
         return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
-
-    def _best(self, form: str, factor: Factor, role: str, place: str, about: float) -> Late:
-        return self._between(form, factor, role, place, (0.3 * about, 2.0 * about))
 
     def _between(self, form: str, factor: Factor, role: str, place: str, ends: tuple[float, float]) -> Late:
         from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
@@ -201,9 +191,8 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     delays = [linear for linear in delays if linear.share > LIMITS.part_of_best * delays[0].share][: LIMITS.followed]
     extended = list(indices)
     for linear in delays:
-        forms = sorted(
-            search.best_forms(*_channel(linear.name, fit), float(linear.steps[0])), key=lambda late: late.cost
-        )
+        best = search.best_forms(*_channel(linear.name, fit), float(linear.steps[0]))
+        forms = sorted(best, key=lambda late: late.cost)
         tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(forms[0].cost - noise, 0.0)
         equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
         place = extended.index(linear)
@@ -218,9 +207,8 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
 
 def _channel(name: str, fit: ElasticFit) -> tuple[str, str]:
     """Role and place of delay_y_motor_2, none of delay."""
-    for part in fit.parts:
-        for role, places in (("y", part.kernel.model.outputs), ("u", part.kernel.model.inputs)):
-            for place in places:
-                if late_name("delay", role, place) == name:
-                    return role, place
-    return "", ""
+    models = [part.kernel.model for part in fit.parts]
+    channels = [
+        (role, place) for m in models for role, of_role in (("y", m.outputs), ("u", m.inputs)) for place in of_role
+    ]
+    return next((channel for channel in channels if late_name("delay", *channel) == name), ("", ""))

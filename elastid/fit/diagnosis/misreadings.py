@@ -15,11 +15,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
@@ -30,25 +30,17 @@ from elastid.fit.result import ModificationIndex
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of readings; false-alarm rates: not measured.
+    """Thresholds of the judgement of readings; false-alarm rates: not measured."""
 
-    exchanged: configurations that fit worst, which are tried in each other's place.  predicted_ratio: V over that of
-    the fit up to which readings are followed, and `followed` of them.  share: of the excess that a reading explains.
-    cost_ratio: of V, below which readings cannot be distinguished.  scale: a factor nearer to one may be an inertia
-    that is not quite known; scale_rounds: in which scales and parameters are found in turn.  factor_spread: of the
-    factors (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong; stiffness_std: the
-    largest, of ln k, of a stiffness that counts there.
-    """
-
-    exchanged: int = 8
-    followed: int = 3
-    predicted_ratio: float = 1.5
-    share: float = 0.8
-    cost_ratio: float = 1.1
-    scale: float = 1.7
-    scale_rounds: int = 2
-    factor_spread: float = 2.5
-    stiffness_std: float = 0.5
+    exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
+    followed: int = 3  # readings
+    predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
+    share: float = 0.8  # of the excess that a reading explains
+    cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
+    scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
+    scale_rounds: int = 2  # in which scales and parameters are found in turn
+    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
+    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
 
 
 LIMITS = Limits()
@@ -62,9 +54,15 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     fit, x = thinned(optimum.fit), optimum.end.x
     every = np.ones(len(x), dtype=bool)
     costs = np.array(squares(evaluate(fit, x)))
-    starts = [(x, ~result.at_bound), (fit.parameters.x, every)]
+    predicted = [  # V of every reading after one step from each start
+        (predict(reading, evaluated, fit.prior_slopes, free).cost, reading, start)
+        for start, free in ((x, ~result.at_bound), (fit.parameters.x, every))
+        for evaluated in (evaluate(fit, start),)
+        for hypothesis in evidence.hypotheses
+        for reading in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
+    ]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
-    for cost, reading, start in sorted(_predicted(fit, starts, costs, evidence), key=lambda trial: trial[0]):
+    for cost, reading, start in sorted(predicted, key=lambda trial: trial[0]):
         if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
             break
         if reading.name not in followed:
@@ -89,22 +87,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     return [*indices, index]
 
 
-def _predicted(
-    fit: ElasticFit, starts: Sequence[tuple[FloatArray, BoolArray]], costs: FloatArray, evidence: Evidence
-) -> list[tuple[float, Reading, FloatArray]]:
-    """V of every reading after one step from each start."""
-    changes = [hypothesis.changes for hypothesis in evidence.hypotheses if hypothesis.changes is not None]
-    predicted = []
-    for x, free in starts:
-        evaluated = evaluate(fit, x)
-        for readings in changes:
-            for reading in readings(evaluated, costs):
-                predicted.append((predict(reading, evaluated, fit.prior_slopes, free).cost, reading, x))
-    return predicted
-
-
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Outputs and inputs of all configurations."""
     models = [e.part.kernel.model for e in evaluated]
     outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
@@ -122,10 +105,9 @@ def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
 def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
     """Motors that count torque and motion in the other direction."""
     outputs, inputs = _channels(evaluated)
-    for place in inputs:
-        if place in outputs:
-            name = f"{place} counted in the other direction, torque and motion"
-            yield Reading(name, "direction", partial(_turned, {place}, {place}))
+    for place in (place for place in inputs if place in outputs):
+        name = f"{place} counted in the other direction, torque and motion"
+        yield Reading(name, "direction", partial(_turned, {place}, {place}))
 
 
 def _turned(outputs: set[str], inputs: set[str], evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -167,24 +149,18 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
         if (first.outputs, first.inputs) == (second.outputs, second.inputs) and np.array_equal(
             kernels[a].freq_hz, kernels[b].freq_hz
         ):
-            order = list(range(len(evaluated)))
-            order[a], order[b] = b, a
-            names = f"{evaluated[a].part.configuration} and {evaluated[b].part.configuration}"
-            name = f"responses of configurations {names} exchanged"
-            yield Reading(name, "exchanged postures", lambda _, values: values, tuple(order))
+            order = tuple({a: b, b: a}.get(i, i) for i in range(len(evaluated)))
+            name = f"responses of configurations {first.configuration.name} and {second.configuration.name} exchanged"
+            yield Reading(name, "exchanged postures", lambda _, values: values, order)
 
 
-# The sign is -1 where an odd power of j omega made of the responses what is fitted: (j omega)^* = -j omega.
-def negated_phases(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
-    """Phases by exp(-j omega t)."""
+def conjugates(name: str, family: str, factor: complex, _: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
+    """Phases by exp(-j omega t), factor 1; real parts taken for imaginary ones, factor j.
+
+    The sign is -1 where an odd power of j omega made of the responses what is fitted: (j omega)^* = -j omega.
+    """
     for sign in (1, -1):
-        yield Reading("all phases negated", "phase", partial(_conjugated, sign))
-
-
-def exchanged_parts(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
-    """Real parts taken for imaginary ones."""
-    for sign in (1, -1):
-        yield Reading("real and imaginary parts exchanged", "parts", partial(_conjugated, 1j * sign))
+        yield Reading(name, family, partial(_conjugated, factor * sign))
 
 
 def _conjugated(factor: complex, _: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -211,11 +187,9 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
         for _ in range(LIMITS.scale_rounds):
             outputs, inputs = _scales(evaluate(fit, x))
             # The values of a torque are off by 1 / c.
-            factors = [(f"y at {place}", c) for place, c in outputs.items()]
-            factors += [(f"u at {place}", -c) for place, c in inputs.items()]
-            words = ", ".join(
-                f"{name} times {math.exp(c):.3g}" for name, c in factors if abs(c) > math.log(LIMITS.scale)
-            )
+            factors = {f"y at {p}": c for p, c in outputs.items()} | {f"u at {p}": -c for p, c in inputs.items()}
+            far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.scale)}
+            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
             if not words:
                 break
             reading = Reading("", SCALE, partial(_rescaled, outputs, inputs))
@@ -239,7 +213,7 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     rows, wanted = [], []
     for e in evaluated:
         model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
-        for (i, output), (j, given) in ((o, u) for o in enumerate(model.outputs) for u in enumerate(model.inputs)):
+        for (i, output), (j, given) in product(enumerate(model.outputs), enumerate(model.inputs)):
             lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
             if lines.any():
                 row = np.zeros(len(outputs) + len(inputs))
@@ -271,11 +245,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     factor = math.exp(abs(float(np.median(change))))
     names = ", ".join(result.parameters.free[i].name for i in stiff)
     side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
-    return (
-        Note(
-            "frequency-unit",
-            f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in "
-            f"{unit}, where {other} was taken? Then all stiffnesses are off by it, and no residual shows it",
-            names,
-        ),
+    text = (
+        f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
+        f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
     )
+    return (Note("frequency-unit", text, names),)

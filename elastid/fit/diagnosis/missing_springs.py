@@ -29,13 +29,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
+from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
-from elastid.fit.setup.assembly import Assembly
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
@@ -44,22 +44,17 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search for springs; false-alarm rates: not measured.
+    """Thresholds of the search for springs; false-alarm rates: not measured."""
 
-    explained_share: of the excess; where something else explains more, no spring is sought.  frequency_step: the ratio
-    of neighbouring resonances; stiffnesses: of each spring.  dip: depth of a minimum of V, in variances of the noise;
-    screened_ratio, predicted_ratio: of V there to that of the fit, with the derivatives of the fit and with those at
-    the spring.  followed, iterations: springs that the solver follows, and its iterations for each.
-    """
-
-    explained_share: float = 0.9
-    frequency_step: float = math.sqrt(2.0)
-    stiffnesses: int = 14
-    dip: float = 10.0
+    explained_share: float = 0.9  # of the excess; where something else explains more, no spring is sought
+    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances
+    stiffnesses: int = 14  # of each spring
+    dip: float = 10.0  # depth of a minimum of V, in variances of the noise
+    # V there to that of the fit, with the derivatives of the fit and with those at the spring.
     screened_ratio: float = 4.0
     predicted_ratio: float = 1.2
-    followed: int = 2
-    iterations: int = 12
+    followed: int = 2  # springs that the solver follows
+    iterations: int = 12  # for each
 
 
 LIMITS = Limits()
@@ -100,7 +95,9 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     linear = (linear_model(held.linearisation, *pair) for pair in zip(assembly.responses, thetas, strict=True))
     models = [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
 
-    evaluated, ratio = evaluate(fit, x), _damping_ratio(assembly)
+    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
+    damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
+    evaluated, ratio = evaluate(fit, x), float(np.median(damped)) if damped else 1e-3
     used = [model for part, model in zip(fit.parts, models, strict=True) if part.n_residuals]
     V = sum(squares(evaluated))
     for name in held.rigid:
@@ -122,13 +119,6 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
     return np.asarray(lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth))
 
 
-def _damping_ratio(assembly: Assembly) -> float:
-    """d / k in s of the robot's springs, in the median; 1e-3 where none has damping."""
-    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
-    ratios = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    return float(np.median(ratios)) if ratios else 1e-3
-
-
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
     """k_i (n_k,), the last a step above the band."""
     directions = [direction(model, name) for model in models]
@@ -145,20 +135,14 @@ def _with_spring(
 ) -> ElasticFit:
     """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
-    spring = {
-        name: Parameter(name, k, "N*m/rad", log=True),
-        damping: Parameter(damping, 0.0, tie=Tie(name, damping_ratio)),
-    }
     known = dict(zip(models[0].parameters, models[0].theta_ref.tolist(), strict=True))
-    of_model = [
-        spring.get(name) or fitted.get(name) or Parameter(name, known[name], free=False)
-        for name in models[0].parameters
-    ]
-    parameters = ParameterSet((*of_model, *(p for p in assembly.parameters if not p.is_of_model)))
-    parts = tuple(
-        replace(part, kernel=kernel_of(model, parameters, part.kernel.freq_hz))
-        for part, model in zip(fit.parts, models, strict=True)
-    )
+    of_model = {key: Parameter(key, value, free=False) for key, value in known.items()}
+    of_model |= {key: fitted[key] for key in known if key in fitted}
+    of_model[name] = Parameter(name, k, "N*m/rad", log=True)
+    of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
+    parameters = ParameterSet((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
+    kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
+    parts = tuple(replace(part, kernel=kernel) for part, kernel in zip(fit.parts, kernels, strict=True))
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
 
 

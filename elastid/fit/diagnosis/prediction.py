@@ -17,8 +17,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit, Part
 
-# Of arrays (..., F, n_y, n_u) of one configuration.
-Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]
+Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
@@ -46,7 +45,6 @@ class Prediction:
     step: FloatArray
 
 
-# The responses as they were read.
 AS_READ = Reading("as read", "", lambda _, values: values)
 
 
@@ -66,11 +64,10 @@ def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
-    for part in fit.parts:
-        if part.n_residuals:
-            G, slopes = part.kernel.evaluate(fit.theta(part, x))
-            chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-            evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+    for part in (part for part in fit.parts if part.n_residuals):
+        G, slopes = part.kernel.evaluate(fit.theta(part, x))
+        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return evaluated
 
 
@@ -82,10 +79,7 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
 def predict(
     reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, std: float = STEP_STD
 ) -> Prediction:
-    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of their priors.
-
-    std: of a prior of ln p that keeps the step near, for residuals of the size of the misfit.
-    """
+    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of theirs; std: as STEP_STD."""
     n_x = len(prior)
     A, b, V, count = np.diag(prior**2), np.zeros(n_x), 0.0, 0
     for i, measured in enumerate(evaluated):
@@ -105,17 +99,15 @@ def settle(
 
     decrease: the relative decrease of V from one step to the next below which they end.
     """
-    V = math.inf
-    lower, upper = fit.parameters.x_bounds
+
+    def predict_at(problem: ElasticFit, x: FloatArray, std: float) -> Prediction:
+        return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
+
     for problem in (replace(fit, parts=tuple(map(_logarithmic, fit.parts))), fit):
-
-        def predict_at(x: FloatArray, std: float, problem: ElasticFit = problem) -> Prediction:
-            return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
-
-        std, now = STEP_STD, predict_at(x, STEP_STD)
+        std, now = STEP_STD, predict_at(problem, x, STEP_STD)
         for _ in range(12):
-            x_next = np.clip(x + now.step, lower, upper)
-            further = predict_at(x_next, std)
+            x_next = np.clip(x + now.step, *fit.parameters.x_bounds)
+            further = predict_at(problem, x_next, std)
             if further.before < now.before:
                 done = now.before - further.before < decrease * now.before
                 x, now, std = x_next, further, 4 * std
@@ -123,9 +115,8 @@ def settle(
                     break
             else:
                 std /= 4
-                now = predict_at(x, std)
-        V = now.before
-    return V, x
+                now = predict_at(problem, x, std)
+    return now.before, x
 
 
 def _logarithmic(part: Part) -> Part:

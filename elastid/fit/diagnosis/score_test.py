@@ -93,10 +93,8 @@ class ScoreTest:
         Several numbers have a prior of the width of what is plausible, which decides where the data do not.
         """
         D, places = candidate.directions, candidate.places
-        if not self.known[places].any():
-            return Step(np.zeros(len(D)), 0.0)
         S, g = self._along(candidate)
-        if len(g) == 1 and S[0, 0] <= 0:
+        if not self.known[places].any() or (len(g) == 1 and S[0, 0] <= 0):
             return Step(np.zeros(len(D)), 0.0)
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else self._bounded(places, S, g)
         steps = steps * self._plausible(candidate, steps)

@@ -37,15 +37,15 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.problem.elastic import Part, at_measured_places
+from elastid.fit.assembly import Assembly
+from elastid.fit.problem.elastic import Part, at_measured_places, mixed
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
-from elastid.fit.setup.assembly import Assembly
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
+from elastid.robot import Joint, Payload, Robot, Spring, gain_name
 
 RATE = "rate"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -110,14 +110,15 @@ class HeldModel:
         own = theta[: len(self.linearisation.model.parameters)]
 
         def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
-            places = linearisation.at(configuration, own, measured.outputs, measured.quantity)
-            return at_measured_places(places, measured)
+            model = linearisation.at(configuration, own, measured.outputs, measured.quantity)
+            return at_measured_places(model, measured)
 
         model = model_at(measured.configuration, self.linearisation)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
-            slopes[name] = _times(slopes[name], -(k**2))
+            stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCT"}
+            slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
         step = 1e-5  # rad, of finite differences
         for place, joint in enumerate(self.linearisation.model.robot.driven):
             angles = np.array(measured.configuration.angles)
@@ -143,25 +144,20 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad
     within = {robot.joints[i].name for i in robot.joints_in_loops}
     names: dict[str, str] = {}
-
-    def sprung(body: Body) -> Body:
-        """The body with a stiff spring in each rigid gear and about each axis that its joints leave free."""
-        if any(joint.name in within for joint in body.joints):
-            return body
-        joints = []
-        for joint in body.joints:
+    bodies = []
+    for body in robot.bodies:
+        joints, axes = list(body.joints), [joint.axis for joint in body.joints]
+        is_outside = not any(joint.name in within for joint in body.joints)
+        for i, joint in enumerate(body.joints if is_outside else ()):
             if joint.motor is not None and not joint.is_flexible and not joint.slides:
                 names[f"k_{joint.name}"] = f"gear_{joint.name}"
-                joint = replace(joint, spring=stiff)
-            joints.append(joint)
-        taken = [joint.axis for joint in body.joints]
-        for axis in "xyz":
-            if axis not in taken and _AXES[axis] not in taken:
+                joints[i] = replace(joint, spring=stiff)
+        for axis in "xyz" if is_outside else "":
+            if axis not in axes and _AXES[axis] not in axes:
                 names[f"k_{body.name}_{axis}"] = f"torsion_{body.name}_{axis}"
                 joints.append(Joint(f"{body.name}_{axis}", axis, stiff))  # type: ignore[arg-type]
-        return replace(body, joints=tuple(joints))
-
-    return replace(robot, bodies=tuple(sprung(body) for body in robot.bodies)), names
+        bodies.append(replace(body, joints=tuple(joints)))
+    return replace(robot, bodies=tuple(bodies)), names
 
 
 def _position_loop(model: LinearModel, joint: str) -> dict[str, Slope]:
@@ -170,11 +166,6 @@ def _position_loop(model: LinearModel, joint: str) -> dict[str, Slope]:
         return {}
     b = model.B[:, model.inputs.index(f"motor {joint}")]
     return {f"loop_{joint}": Slope(K=np.outer(b, b) / float(b @ np.linalg.solve(model.M, b)))}
-
-
-def _times(slope: Slope, factor: float) -> Slope:
-    parts = {letter: getattr(slope, letter) for letter in "MDKCT"}
-    return Slope(**{letter: None if part is None else factor * part for letter, part in parts.items()})
 
 
 def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
@@ -258,14 +249,13 @@ def evaluate_held(
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
     G, dG = kernel.evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
-    chain, names = fitted.jacobian(x, part.configuration), fitted.names
-    moved = [(i, by_name[name]) for i, name in enumerate(names) if name in by_name and np.any(chain[i])]
+    chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
-    for i, slope in moved:
-        for k in np.flatnonzero(chain[i]):
-            free[k] += chain[i, k] * slope
-    followed = {names[i] for i, _ in moved}
-    numbers = {name: slope for name, slope in by_name.items() if name not in followed}
+    for name, row in zip(fitted.names, chain, strict=True):
+        if name in by_name and np.any(row):
+            del numbers[name]
+            for k in np.flatnonzero(row):
+                free[k] += row[k] * by_name[name]
     response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name)
     for further in columns:
         numbers |= further(response)
@@ -316,7 +306,4 @@ def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatAr
 
 def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
     """Elements (n, F, n_y, n_u), mixed line by line, as real rows (n, N)."""
-    flat = values.reshape(*values.shape[:2], -1)
-    if mixing is not None:
-        flat = (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1)
-    return as_real(flat.reshape(len(values), -1))
+    return as_real((values if mixing is None else mixed(mixing, values)).reshape(len(values), -1))

@@ -16,16 +16,16 @@ noise, by `drop`, and moves a parameter by `effect` of its standard deviations.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
-from elastid.fit.diagnosis.hypothesis import Evidence, phrase
+from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status
-from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 
 
@@ -64,7 +64,8 @@ def with_status(evidence: Evidence) -> FitResult:
     def ended(status: Status, message: str) -> FitResult:
         return replace(result, status=status, message=f"{message}; {fit}")
 
-    if evidence.is_suspect and any(i.place and i.group in evidence.misread_families for i in result.indices):
+    misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
+    if evidence.is_suspect and any(index.place and index.group in misread for index in result.indices):
         return ended(
             "model_error",
             f"the model does not describe the responses as they were read: it explains {share} of them, and another "
@@ -93,11 +94,8 @@ def _compared_with_noise(result: FitResult) -> str:
     if not result.noise_is_known:
         return "the noise is unknown, so that the residuals cannot be judged and the intervals come from them alone"
     times = math.sqrt(result.cost / max(result.cost_expected, 1e-300))
-    more = "more than" if result.exceeds_noise else "no more than"
-    return (
-        f"the residuals are {times:.3g} times what the noise explains, {more} chance allows (beyond it once in "
-        "700 fits of a true model)"
-    )
+    chance = f"{'more' if result.exceeds_noise else 'no more'} than chance allows (beyond it once in 700 fits of a true"
+    return f"the residuals are {times:.3g} times what the noise explains, {chance} model)"
 
 
 def decisive_index(
@@ -108,26 +106,16 @@ def decisive_index(
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     reach = MISFIT.effect * np.sqrt(np.diag(result.covariance))
-    decisive = (
-        index
-        for index in indices
-        if index.place == 0
-        and len(set(index.steps.tolist())) == 1
-        and index.drop > MISFIT.drop
-        and np.any(np.abs(index.effects) > reach)
-    )
+    alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
+    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects) > reach))
     return max(decisive, key=lambda index: index.drop, default=None)
 
 
 def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
-    in_error = result.exceeds_noise and excess > MISFIT.excess
+    is_structured = uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
     moved = np.flatnonzero(uncertainty.shift > MISFIT.shift)
-    if (
-        not in_error
-        or not uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
-        or not moved.size
-    ):
+    if not (result.exceeds_noise and excess > MISFIT.excess and is_structured and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
@@ -158,26 +146,21 @@ def _by_held_number(evidence: Evidence) -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of status and notes of an estimate; false-alarm rates: not measured.
+    """Thresholds of status and notes of an estimate; false-alarm rates: not measured."""
 
-    near_bound: share of a range within which x is at its bound.  held_share: of the starts that end at a bound.
-    interval_factor, unconstrained_factor: of the ends of an interval, beyond which a parameter is weakly determined, or
-    not at all.  correlation: beyond which two parameters cannot be distinguished.  singular_value: the least, as a
-    share of the largest; part_of_direction: of a parameter in its direction.  model_error: residuals over the noise.
-    explained_share: a model that explains less of the responses does not describe the robot, unless small residuals
-    alone are far beyond a still smaller noise.  named: parameters in a message, those that are moved most.
-    """
-
-    near_bound: float = 1e-4
-    held_share: float = 0.5
+    near_bound: float = 1e-4  # share of a range within which x is at its bound
+    held_share: float = 0.5  # of the starts that end at a bound
+    # Of the ends of an interval, beyond which a parameter is weakly determined, or not at all.
     interval_factor: float = 10.0
     unconstrained_factor: float = 1e6
-    correlation: float = 0.99
-    singular_value: float = 1e-3
-    part_of_direction: float = 0.2
-    model_error: float = 1.5
+    correlation: float = 0.99  # beyond which two parameters cannot be distinguished
+    singular_value: float = 1e-3  # the least, as a share of the largest
+    part_of_direction: float = 0.2  # of a parameter in the least determined direction
+    model_error: float = 1.5  # residuals over the noise
+    # Of the responses, below which a model does not describe the robot, unless small residuals alone are far beyond a
+    # still smaller noise.
     explained_share: float = 0.5
-    named: int = 3
+    named: int = 3  # parameters in a message, those that are moved most
 
 
 LIMITS = Limits()
@@ -192,132 +175,77 @@ def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
 
 def estimate_notes(result: FitResult, unreached: BoolArray) -> tuple[Note, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
-    return (
-        *_bounds(result),
-        *_held_starts(result),
-        *_undetermined(result, unreached),
-        *_weak(result, unreached),
-        *_correlated(result),
-        *_weakest(result),
-        *_search(result),
-    )
+    return (*_bounds(result), *_determination(result, unreached), *_search(result))
 
 
-def _bounds(result: FitResult) -> list[Note]:
-    notes = []
+def _bounds(result: FitResult) -> Iterator[Note]:
+    """On parameters that ended at a bound, and on bounds at which most starts ended, the best one not among them."""
     for parameter, x, held in zip(result.parameters.free, result.x, result.at_bound, strict=True):
         if held:
             low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
             side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
-            text = (
+            yield Note(
+                "at-bound",
                 f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if "
-                "values beyond it are plausible; otherwise the model lacks something that the data show"
+                "values beyond it are plausible; otherwise the model lacks something that the data show",
             )
-            notes.append(Note("at-bound", text))
-    return notes
-
-
-def _held_starts(result: FitResult) -> list[Note]:
-    """Bounds at which most starts ended, the best one not among them."""
     ends = [start.x for start in result.starts if math.isfinite(start.cost)]
     if len(ends) < 3:
-        return []
+        return
     share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
-    return [
-        Note(
-            "bound-in-most-starts",
-            f"{name} ended at a bound in {round(100 * part)} % of the starts: widen its bounds, or start it elsewhere",
-        )
-        for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
-        if part > LIMITS.held_share and not held
-    ]
+    for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True):
+        if part > LIMITS.held_share and not held:
+            often = f"in {round(100 * part)} % of the starts"
+            text = f"{name} ended at a bound {often}: widen its bounds, or start it elsewhere"
+            yield Note("bound-in-most-starts", text)
 
 
-def _undetermined(result: FitResult, unreached: BoolArray) -> list[Note]:
-    if not unreached.any():
-        return []
-    return [
-        Note(
+def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
+    """On parameters, pairs of them and the combination that the data constrain too little."""
+    names, values, correlation = result.parameters.free_names, result.singular_values, result.correlation
+    if unreached.any():
+        yield Note(
             "undetermined",
-            f"{listed(result.parameters.free_names, unreached)}: only some combination of them is determined "
-            f"(smallest singular value {result.singular_values[-1]:.1e}, largest {result.singular_values[0]:.1e}); "
-            "fix or tie one",
+            f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
+            f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
         )
-    ]
-
-
-def _weak(result: FitResult, unreached: BoolArray) -> list[Note]:
-    sentences = []
-    for parameter, beyond in zip(result.parameters.free, unreached, strict=True):
-        if parameter.log and not beyond:
-            low, high = result.interval(parameter.name)
-            if not high < LIMITS.interval_factor * low:
-                interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
-                far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
-                sentences.append(Note("weakly-determined", f"{parameter.name} is weakly determined: {far}"))
-    return sentences
-
-
-def _correlated(result: FitResult) -> list[Note]:
-    correlation, names = result.correlation, result.parameters.free_names
-    return [
-        Note("correlated", f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})")
-        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
-        if abs(correlation[i, j]) > LIMITS.correlation
-    ]
-
-
-def _weakest(result: FitResult) -> list[Note]:
-    """The least determined combination, where the others are determined far better."""
-    values = result.singular_values
-    if (
-        not len(result.weakest)
-        or len(values) < 2
-        or values[-1] > LIMITS.singular_value * values[0]
-        or values[-1] < 1e-8 * values[0]
-    ):
-        return []
-    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > LIMITS.part_of_direction]
-    names = result.parameters.free_names
-    terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
-    return [
-        Note(
+    for parameter in (p for p, beyond in zip(result.parameters.free, unreached, strict=True) if p.log and not beyond):
+        low, high = result.interval(parameter.name)
+        if not high < LIMITS.interval_factor * low:
+            interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
+            far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
+            yield Note("weakly-determined", f"{parameter.name} is weakly determined: {far}")
+    for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
+        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
+        yield Note("correlated", text)
+    if len(result.weakest) and len(values) > 1 and 1e-8 * values[0] <= values[-1] <= LIMITS.singular_value * values[0]:
+        places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > LIMITS.part_of_direction]
+        terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
+        yield Note(
             "weakest-combination",
             f"the combination {terms} (of relative effects) is the least determined: singular value "
             f"{values[-1] / values[0]:.1e} of the largest; measure where their effects differ, or tie them",
         )
-    ]
 
 
-def _search(result: FitResult) -> list[Note]:
-    sentences = []
-    lost = sum(not math.isfinite(start.cost) for start in result.starts)
+def _search(result: FitResult) -> Iterator[Note]:
+    starts = result.starts
+    lost = [start.message for start in starts if not math.isfinite(start.cost)]
     if lost:
-        sentences.append(
-            Note(
-                "failed-starts",
-                f"{lost} of {len(result.starts)} starts failed; the first with: "
-                f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}",
-            )
+        text = f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}"
+        yield Note("failed-starts", text)
+    if result.hits == 1 < len(starts) - len(lost):
+        yield Note(
+            "one-hit",
+            f"only 1 of {len(starts)} starts reached the best cost (V = {starts[0].cost:.5g}, the next "
+            f"{starts[1].cost:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
         )
-    if result.hits == 1 < len(result.starts) - lost:
-        second = result.starts[1].cost
-        sentences.append(
-            Note(
-                "one-hit",
-                f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the "
-                f"next {second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
-            )
+    if result.exceeds_noise and LIMITS.model_error < result.model_error < math.inf:
+        yield Note(
+            "model-error",
+            f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
+            "the intervals are widened, but not for errors that are alike at all lines",
         )
-    if result.exceeds_noise and result.model_error > LIMITS.model_error and math.isfinite(result.model_error):
-        sentences.append(
-            Note(
-                "model-error",
-                f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
-                "the intervals are widened, but not for errors that are alike at all lines",
-            )
-        )
-    return sentences
 
 
 def listed(names: tuple[str, ...], chosen: BoolArray) -> str:

@@ -70,20 +70,15 @@ class Full:
 
     R: ComplexArray | FloatArray
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
-        """r = q - R g (F, n_e) of a block of lines."""
-        return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
-
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """The sums of a block of lines; precision: of the moments."""
         q, G, slope = e
         R = self.R[part.block]
-        r = q if G is None else self.residual(part.block, q, G)
+        r = q if G is None else q - _times(R, G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
-        if slope is not None:
-            weight = weight * slope
         U = part.columns(scale, precision)
         if slope is not None:
+            weight = weight * slope
             U *= slope[:, :, None]
         V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
@@ -118,37 +113,13 @@ class Packed:
         cost, weight = np.zeros(1), np.empty((n_e, F), complex)
         pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
-        call(
-            "sums_float" if precision is np.float32 else "sums_double",
-            F,
-            n_y,
-            n_u,
-            n_1,
-            n_2,
-            r,
-            n_b - n_1 - n_2,
-            n_e,
-            self.R.shape[1] == n_e,
-            part.left.T,
-            None if part.is_alike else part.right.T,
-            part.gain,
-            part.S,
-            part.whole.T,
-            part.outputs,
-            part.inputs,
-            e.q.T,
-            None if e.G is None else e.G.T,
-            None if e.slope is None else e.slope.T,
-            self.R[part.block.start // BATCH :],
-            part.omega,
-            sign,
-            sign * scale,
-            cost,
-            weight,
-            pulled,
-            between,
-            moments,
-        )
+        sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
+        right = None if part.is_alike else part.right.T
+        columns = part.left.T, right, part.gain, part.S, part.whole.T, part.outputs, part.inputs
+        residuals = (None if values is None else values.T for values in e)
+        weights = self.R[part.block.start // BATCH :], part.omega, sign, sign * scale
+        name = "sums_float" if precision is np.float32 else "sums_double"
+        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
         return LineSums(float(cost[0]), weight.T, pulled, moments)
 
@@ -183,12 +154,8 @@ class CompressedResiduals:
 
     def has_data_of(self, other: CompressedResiduals) -> bool:
         """True if these are residuals of the very same data, with the very same weights."""
-        return (
-            self.measured is other.measured
-            and self.gain is other.gain
-            and self.whitening is other.whitening
-            and (self.criterion, self.is_symmetric) == (other.criterion, other.is_symmetric)
-        )
+        are_same = (getattr(self, name) is getattr(other, name) for name in ("measured", "gain", "whitening"))
+        return all(are_same) and (self.criterion, self.is_symmetric) == (other.criterion, other.is_symmetric)
 
     @property
     def worked_out(self) -> CompressedResiduals:
@@ -202,9 +169,8 @@ class CompressedResiduals:
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
-        whitened = self._whitened(
-            self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
-        )
+        error = RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
+        whitened = self._whitened(self._mixing, block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         r = self._projected(known.Q[block], whitened)
         return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
@@ -246,8 +212,7 @@ class CompressedResiduals:
     def _counts(self) -> BoolArray:
         """Elements (F, n_e) of which at least one measured number counts."""
         used = (self.gain > 0).reshape(len(self.gain), -1)
-        first, second = self._places
-        return np.asarray(used[:, first] | used[:, second])
+        return np.asarray(used[:, self._places[0]] | used[:, self._places[1]])
 
     @cached_property
     def compressed(self) -> Compressed:
@@ -268,12 +233,11 @@ class CompressedResiduals:
             Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
         if self.criterion != "complex":
             return Compressed(form(R), Q=Q)
-        data = self._whitened(mixing, slice(None), self.measured)
-        q = self._projected(Q, data)
+        left = self._whitened(mixing, slice(None), self.measured)
+        q = self._projected(Q, left)
         if mixing is not None:
-            left = data - (Q @ q[:, :, None])[:, :, 0]
+            left = left - (Q @ q[:, :, None])[:, :, 0]
         else:
-            left = data.copy()
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
         q = np.asfortranarray(q)  # element by element, as the kernel takes it
@@ -301,12 +265,9 @@ class NormalEquations:
     residuals: CompressedResiduals
 
     def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
-        """To other processes without what is worked out again there."""
         return NormalEquations, (Columns(self.columns.kernel), self.residuals)
 
-    def at(
-        self, theta: FloatArray, precision: type[np.floating[Any]] = np.float64
-    ) -> tuple[float, FloatArray, FloatArray]:
+    def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
@@ -323,9 +284,7 @@ class NormalEquations:
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
-            V += constant + sums.cost
-            pull += sums.pulled
-            moments += sums.moments
+            V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
             weights.append(sums.weight)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real

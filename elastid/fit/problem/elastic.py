@@ -52,6 +52,12 @@ class Part:
         return self.kernel.model.configuration.name
 
     @property
+    def error_gain(self) -> ComplexArray:
+        """Residual per error of Ghat (F, n_y, n_u), before it is mixed; 0 where an element is left out."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.gain > 0, self.gain * error_gain(self.criterion, self.measured), 0j)
+
+    @property
     def mixing(self) -> ComplexArray | None:
         """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
         return None if self.whitening is None else self.whitening.matrix
@@ -60,15 +66,8 @@ class Part:
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
         columns = Columns(self.kernel)
-        own = CompressedResiduals(
-            columns.elements,
-            columns.is_symmetric,
-            self.kernel.takes_compiled,
-            self.measured,
-            self.gain,
-            self.criterion,
-            self.whitening,
-        )
+        form = columns.elements, columns.is_symmetric, self.kernel.takes_compiled
+        own = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
         known = self.compressed
         return NormalEquations(columns, known if known is not None and known.has_data_of(own) else own)
 
@@ -85,13 +84,8 @@ class Part:
 
     def with_residuals_of(self, other: Part) -> Part:
         """The same with data and weights of another part, and what has been worked out of them."""
-        return replace(
-            self,
-            measured=other.measured,
-            gain=other.gain,
-            whitening=other.whitening,
-            compressed=other.normal.residuals,
-        )
+        known = other.normal.residuals
+        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
 
     def whitened(self, theta: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each.
@@ -138,8 +132,7 @@ class ElasticFit:
             try:
                 return self._evaluate(x, precision)
             except np.linalg.LinAlgError:
-                n_x = len(x)
-                return Evaluation(math.inf, np.zeros(n_x), np.eye(n_x))
+                return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
     def rough(self, x: FloatArray) -> Evaluation:
         """The same with J^T J from single precision, enough to step."""
@@ -149,17 +142,12 @@ class ElasticFit:
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         for group in self._groups:
             theta, T = self.theta(group[0], x), self._chain(group[0], x)
-            sums = [part.normal.at(theta, precision) for part in group]
-            V += sum(cost for cost, _, _ in sums)
-            g += T.T @ sum(gradient for _, gradient, _ in sums)
-            A += T.T @ sum(normal for _, _, normal in sums) @ T
+            costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
+            V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
         distance, slope = self._priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
-        return Evaluation(
-            V + float(distance @ distance) + b,
-            2 * (g + slope * distance) + b_slope,
-            2 * (A + np.diag(slope**2)) + b_curvature,
-        )
+        V += float(distance @ distance)
+        return Evaluation(V + b, 2 * (g + slope * distance) + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
 
     @cached_property
     def _groups(self) -> tuple[tuple[Part, ...], ...]:
@@ -177,8 +165,7 @@ class ElasticFit:
             used = np.repeat((part.gain > 0).ravel(), 2)
             rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
         distance, slope = self._priors(x)
-        known = slope > 0
-        rows.append((distance[known], np.diag(slope)[known]))
+        rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
         return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
@@ -237,31 +224,20 @@ def elastic_fit(
     at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
     weights know how.  StudyError where a response has an input or output that the model has not.
     """
-    parts = (
-        _part(
-            response,
-            at_measured_places(model, response),
-            weight if correlated else replace(weight, is_correlated=False),
-            parameters,
-            criterion,
-        )
-        for response, model, weight in zip(responses, models, weights, strict=True)
-    )
+    parts = []
+    for G, model, weight in zip(responses, models, weights, strict=True):
+        counted = weight if correlated else replace(weight, is_correlated=False)
+        parts.append(_part(G, at_measured_places(model, G), counted, parameters, criterion))
     return ElasticFit(parameters, tuple(parts))
 
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
-    for kind, wanted, known in (
-        ("input", response.inputs, model.inputs),
-        ("output", response.outputs, model.outputs),
-    ):
-        missing = [name for name in wanted if name not in known]
-        if missing:
-            raise StudyError(
-                f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
-                f"the model has not; there are {', '.join(known) or 'none'}"
-            )
+    for kind, wanted, known in (("input", response.inputs, model.inputs), ("output", response.outputs, model.outputs)):
+        if missing := ", ".join(name for name in wanted if name not in known):
+            has_not = f"the response has the {kind} {missing}, which the model has not"
+            there = ", ".join(known) or "none"
+            raise StudyError(f"configuration {response.configuration.name}: {has_not}; there are {there}")
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
     return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
@@ -274,11 +250,16 @@ def linear_model(linearisation: Linearisation, response: FrequencyResponse, thet
 
 
 def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray) -> Kernel:
-    """The response of a model on some lines, with derivatives to what x moves there."""
+    """The response of a model on some lines, with derivatives to what x moves there.
+
+    Without slopes to anything else: a fraction to carry to other processes.
+    """
     if model.parameters != parameters.names:
         raise ValueError(f"the model's parameters {model.parameters} are not those of the set {parameters.names}")
-    held = _with_the_rest_held(model, parameters)
-    return Kernel(held, freq_hz, parameters.moved(model.configuration.name))
+    moved, theta = parameters.moved(model.configuration.name), parameters.expand(parameters.x, model.configuration.name)
+    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
+    return Kernel(replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes), freq_hz, moved)
 
 
 def _part(
@@ -292,8 +273,7 @@ def _part(
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
-    error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
-    gain = np.sqrt(2 * weights.factor) / error
+    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
     if weights.correlated is not None:
         sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)
@@ -305,12 +285,3 @@ def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
     """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
     return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))
-
-
-def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:
-    """The same affine model without slopes to what x does not move: a fraction to carry to other processes."""
-    where = model.configuration.name
-    theta = parameters.expand(parameters.x, where)
-    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
-    slopes = {name: model.slopes[name] for name in parameters.moved(where) if name in model.slopes}
-    return replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes)

@@ -23,8 +23,7 @@ from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
-# A start whose smallest principal second moment is below this share of their sum is moved off the border.
-MIN_ROUNDNESS = 1e-4
+MIN_ROUNDNESS = 1e-4  # smallest second moment over their sum, below which a start is moved off the border
 _TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 
@@ -126,14 +125,11 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
     if not inertias:
         return starts
     begin = _moved_off(parameters.x, inertias, parameters)
-    needed = 0.5 * _roundness(begin, inertias, parameters)
+    needed = min(0.5 * _roundness(begin, inertias, parameters), MIN_ROUNDNESS)
 
     def drawn_in(start: FloatArray) -> FloatArray:
-        for step in range(20):
-            x: FloatArray = begin + (start - begin) / 2**step
-            if _roundness(x, inertias, parameters) >= min(needed, MIN_ROUNDNESS):
-                return x
-        return begin
+        nearer = (begin + (start - begin) / 2**step for step in range(20))
+        return next((x for x in nearer if _roundness(x, inertias, parameters) >= needed), begin)
 
     return np.array([drawn_in(start) for start in starts])
 
@@ -150,16 +146,17 @@ def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
     lower, upper = parameters.x_bounds
     touched = np.flatnonzero(np.any([np.any(s.slopes(parameters, x) != 0, axis=0) for s in flat], axis=0))
 
-    def off(z: FloatArray) -> float:
-        moved = x.copy()
-        moved[touched] = np.clip(z, lower[touched], upper[touched])
-        far = float(np.sum(((moved - x) / np.maximum(1.0, np.abs(x)))[touched] ** 2))
-        return max(0.0, 2 * MIN_ROUNDNESS - _roundness(moved, flat, parameters)) + MIN_ROUNDNESS * far
+    def moved(z: FloatArray) -> FloatArray:
+        beside = x.copy()
+        beside[touched] = np.clip(z, lower[touched], upper[touched])
+        return beside
 
-    best = minimize(off, x[touched], method="Nelder-Mead", options={"maxiter": 2000, "xatol": 1e-6, "fatol": 1e-9})
-    moved = x.copy()
-    moved[touched] = np.clip(best.x, lower[touched], upper[touched])
-    return moved
+    def off(z: FloatArray) -> float:
+        far = float(np.sum(((moved(z) - x) / np.maximum(1.0, np.abs(x)))[touched] ** 2))
+        return max(0.0, 2 * MIN_ROUNDNESS - _roundness(moved(z), flat, parameters)) + MIN_ROUNDNESS * far
+
+    options = {"maxiter": 2000, "xatol": 1e-6, "fatol": 1e-9}
+    return moved(minimize(off, x[touched], method="Nelder-Mead", options=options).x)
 
 
 def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> float:
@@ -169,17 +166,10 @@ def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
     """A note on each body whose inertia ended at the border of the possible ones."""
-    words = []
-    for body in inertias:
-        values = np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x)))
-        if values[0] < 1e-3 * values[-1]:
-            words.append(
-                Note(
-                    "impossible-inertia",
-                    "the data ask for a physically impossible inertia (a principal moment above the sum "
-                    "of the other two); it ended at the border: check its mass, its centre of mass and the placement "
-                    "of its joint",
-                    f"body {body.name}",
-                )
-            )
-    return tuple(dict.fromkeys(words))
+    text = (
+        "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "
+        "ended at the border: check its mass, its centre of mass and the placement of its joint"
+    )
+    values = (np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x))) for body in inertias)
+    flat = [body for body, v in zip(inertias, values, strict=True) if v[0] < 1e-3 * v[-1]]
+    return tuple(dict.fromkeys(Note("impossible-inertia", text, f"body {body.name}") for body in flat))

@@ -21,11 +21,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import ElasticFit, Part, mixed
-from elastid.fit.problem.least_squares import as_real, error_gain
+from elastid.fit.problem.least_squares import as_real
 from elastid.response import FrequencyResponse
 
-# Input, index and configuration of a factor; without one, of all configurations.
-Factor: TypeAlias = tuple[str, int, str]
+Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
 
 
 def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
@@ -76,10 +75,7 @@ def bias_slopes(
 
     mixing: that of the part.
     """
-    used = part.gain > 0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gain = np.where(used, part.gain * error_gain(part.criterion, part.measured), 0j)
-    whitened = bias_of(response, factors) * gain
+    whitened = bias_of(response, factors) * part.error_gain
     return -whitened if mixing is None else -mixed(mixing, whitened)
 
 

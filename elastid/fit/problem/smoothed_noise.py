@@ -41,8 +41,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, FrequencyResponse
 
-# What is added to the diagonal, as a share of the mean variance of an output: keeps a model of exact data regular.
-MIN_VARIANCE_SHARE = 1e-9
+MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
 
 @dataclass(frozen=True)
@@ -103,8 +102,8 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
         WSW = np.asarray(W @ S @ W)
         t = np.einsum("fab,fba->f", W, S).real / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
-        a = a * _ratio(_own_power(WSW, w, shapes), _own_power(W, w, shapes))
-        b = b * _ratio(_torque_power(WSW, w, shapes, g), _torque_power(W, w, shapes, g))
+        (own, torque), (own_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
+        a, b = a * _ratio(own, own_expected), b * _ratio(torque, torque_expected)
     return lambda other: np.asarray(
         (_sum(a, b, other, other.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
@@ -118,14 +117,10 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     return np.asarray(C)
 
 
-def _own_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes) -> FloatArray:
-    """sum_k w_k tr(Q W) (p, n_y) of the noise on the outputs."""
-    return np.asarray((shapes.own * w) @ np.einsum("faa->fa", W).real)
-
-
-def _torque_power(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> FloatArray:
-    """sum_k w_k tr(Q W) (q, n_u) of torques."""
-    return np.asarray((shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real)
+def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
+    own = (shapes.own * w) @ np.einsum("faa->fa", W).real
+    return own, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
 
 
 def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
@@ -186,22 +181,22 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
     assert S is not None
     if math.isinf(known.dof):
         return SmoothedNoise(known, known, np.zeros(F), np.zeros(F))
-    smoothed = smooth_covariance(S, _model(response, known, S), known.dof, width)
-    power = np.einsum("faa->fa", smoothed.covariance).real
+    covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof, width)
+    power = np.einsum("faa->fa", covariance).real
     if known.left is None:
-        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=smoothed.covariance)
+        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=covariance)
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
-        smooth = Covariance(variance, known.dof, known.left, smoothed.covariance)
-    return SmoothedNoise(known, smooth, smoothed.own_variance, smoothed.own)
+        smooth = Covariance(variance, known.dof, known.left, covariance)
+    return SmoothedNoise(known, smooth, own_variance, own_matrix)
 
 
 def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> ComplexArray:
     """The model of S: of the outputs in the Kronecker form, else input by input."""
+    weakness = None if known.left is None else np.mean(np.einsum("faa->fa", known.left).real, axis=1)
+    shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
     if known.left is not None:
-        weakness = np.mean(np.einsum("faa->fa", known.left).real, axis=1)
-        return noise_model(S, NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness))
-    shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, None)
+        return noise_model(S, shapes)
     _, n_y, n_u = response.G.shape
     model = np.zeros_like(S)
     for place in (slice(j * n_y, (j + 1) * n_y) for j in range(n_u)):
@@ -230,28 +225,20 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
-@frozen_value
-class SmoothedCovariance:
-    """covariance: C~ (F, n, n).  own, own_variance (F,): kappa, how much of C~, or of its diagonal, is the line's own.
+def smooth_covariance(
+    S: ComplexArray, model: ComplexArray, dof: float, width: int = 0
+) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
 
-    tr(C~^-1 S) is 1 - kappa / nu of what a line's S independent of C~ would leave, to first order.
-    """
-
-    covariance: ComplexArray
-    own: FloatArray
-    own_variance: FloatArray
-
-
-def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: int = 0) -> SmoothedCovariance:
-    """C~ of sample covariances S (F, n, n) of `dof` degrees of freedom each.
-
+    kappa: how much of C~, and of its diagonal, is the line's own; tr(C~^-1 S) is 1 - kappa / nu of what a line's S
+    independent of C~ would leave, to first order.
     model (F, n, n): of the noise.  width: lines; 0 takes as many as the degrees of freedom ask for.
     """
     F, n = S.shape[:2]
     width = min((width or _width(n, dof)) // 2 * 2 + 1, F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
     whiten = np.asarray(np.linalg.inv(L), np.complex128)
-    X = whiten @ S @ _H(whiten)
+    X = whiten @ S @ hermitian(whiten)
     level = np.einsum("faa->f", X).real / n
     known = level > 0
     level = np.interp(np.arange(F), np.flatnonzero(known), level[known]) if known.any() else np.ones(F)
@@ -265,8 +252,8 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: i
     rho = _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
-    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ _H(L)))
-    return SmoothedCovariance(smooth, *_own(S, smooth, rho, width, dof))
+    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ hermitian(L)))
+    return smooth, *_own(S, smooth, rho, width, dof)
 
 
 def _width(n: int, dof: float) -> int:
@@ -298,12 +285,13 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
     shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
     together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
     alone = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
-    filled = (float(np.mean(together)), float(np.mean(alone)))
-    own = [k * z / max(1 - k * z / dof, 0.1) for k, z in zip(shares, filled, strict=True)]
-    return np.full(F, own[0]), np.full(F, own[1])
+    filled = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
+    whole, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in filled)
+    return whole, diagonal
 
 
-def _H(A: ComplexArray) -> ComplexArray:
+def hermitian(A: ComplexArray) -> ComplexArray:
+    """A^H (..., m, n) of matrices (..., n, m)."""
     return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 

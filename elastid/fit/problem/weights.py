@@ -82,8 +82,7 @@ def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> st
     R = C / (deviation[:, :, None] * deviation[:, None, :])
     used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)
     part = np.where(used[:, :, None] & used[:, None, :], R, 0.0)
-    diagonal = np.arange(R.shape[1])
-    part[:, diagonal, diagonal] = 1.0
+    part[:, range(R.shape[1]), range(R.shape[1])] = 1.0
     values = np.linalg.eigvalsh(part)
     bad = np.flatnonzero(values[:, 0] < 1e-10 * values[:, -1])  # rounding
     if not bad.size:
@@ -147,29 +146,22 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
-    used = factor > 0
-    if spec.band_hz is not None:
-        used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
-    notes: list[Note] = []
-
-    def note(code: str, text: str) -> None:
-        notes.append(Note(code, text, f"configuration {where}"))
-
+    used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
+    texts: list[tuple[str, str]] = []
     if response.uncertainty is None:
-        note("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines")
+        texts.append(("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines"))
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
-        note("elements-left-out", f"left out, no more than noise: {names}")
-        used &= ~mute
-    silent = used & (sigma == 0)
-    if silent.any():
-        note("elements-left-out", f"left out, {int(silent.sum())} elements of zero variance and no floor")
-        used &= ~silent
-    sigma = np.where(used, sigma, np.inf)
+        texts.append(("elements-left-out", f"left out, no more than noise: {names}"))
+    used &= ~mute
+    if silent := int((used & (sigma == 0)).sum()):
+        texts.append(("elements-left-out", f"left out, {silent} elements of zero variance and no floor"))
+    sigma = np.where(used & (sigma != 0), sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
-    return Weights(sigma, noise, scale, floor, tuple(notes), factor, correlated)
+    notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
+    return Weights(sigma, noise, scale, floor, notes, factor, correlated)
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:
@@ -183,10 +175,14 @@ def vec(array: FloatArray | ComplexArray) -> Any:
 
 
 def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
-    """Factors (F, n_y, n_u) of the study on the weights."""
+    """Factors (F, n_y, n_u) of the study on the weights, each where all that it gives is true."""
     product = np.ones(response.G.shape)
     for factor in factors:
-        product = np.where(_matches(response, factor), product * factor.factor, product)
+        if response.configuration.name in (factor.configurations or (response.configuration.name,)):
+            lines = _within(response.freq_hz, factor.band_hz or (-np.inf, np.inf))
+            outputs = np.array([factor.output in ("", name) for name in response.outputs])
+            inputs = np.array([factor.input in ("", name) for name in response.inputs])
+            product[lines[:, None, None] & outputs[:, None] & inputs] *= factor.factor
     return product
 
 
@@ -202,16 +198,6 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
     return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, 0.1)))
-
-
-def _matches(response: FrequencyResponse, factor: FactorSpec) -> BoolArray:
-    """Where all that a factor gives is true (F, n_y, n_u)."""
-    if factor.configurations and response.configuration.name not in factor.configurations:
-        return np.zeros(response.G.shape, dtype=np.bool_)
-    lines = _within(response.freq_hz, factor.band_hz) if factor.band_hz else np.ones(response.n_lines, dtype=np.bool_)
-    outputs = np.array([factor.output in ("", name) for name in response.outputs])
-    inputs = np.array([factor.input in ("", name) for name in response.inputs])
-    return np.asarray(lines[:, None, None] & outputs[:, None] & inputs)
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:

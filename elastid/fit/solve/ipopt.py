@@ -42,12 +42,19 @@ def ipopt(
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
-    scaled = ScaledProblem(problem, x0, beginning)
-    called = _objective(scaled), _gradient(scaled), _hessian(scaled), _stop(scaled, tolerance)
-    options = _OPTIONS | {"grad_f": called[1], "hess_lag": called[2], "iteration_callback": called[3]}
+    scaled, n = _ScaledProblem(problem, x0, beginning, tolerance), len(x0)
+    x, number, none, no_rows = (ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0), ca.Sparsity(0, 1))
+    point = [("x", x), ("p", none)]
+    at_multipliers = [*point, ("lam_f", number), ("lam_g", no_rows)]
+    iteration = [("x", x), ("f", number), ("g", none), ("lam_x", x), ("lam_g", none), ("lam_p", none)]
+    objective = _Callback("objective", point, [("f", number), ("g", no_rows)], scaled.objective)
+    gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], scaled.gradient)
+    hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], scaled.hessian)
+    stop = _Callback("stop", iteration, [("ret", number)], scaled.stop)
+    options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian, "iteration_callback": stop}
     options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-3 * tolerance * scaled.weight}
-    solver = ca.nlpsol("fit", "ipopt", called[0], options)
-    lower, upper = scaled.z_bounds
+    solver = ca.nlpsol("fit", "ipopt", objective, options)
+    lower, upper = map(scaled.to_z, problem.parameters.x_bounds)
     with _interrupt_kept(scaled):
         solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
     stats = solver.stats()
@@ -56,66 +63,13 @@ def ipopt(
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
     if stats["return_status"] == _FOREIGN_EXCEPTION:
         raise KeyboardInterrupt
-    x = np.clip(scaled.to_x(np.asarray(solution["x"]).ravel()), *problem.parameters.x_bounds)
+    end = np.clip(scaled.to_x(solution["x"]), *problem.parameters.x_bounds)
     status = "" if stats["return_status"] == _STOPPED else str(stats["return_status"])
-    return Ending(x, scaled.at(x), status, int(stats["iter_count"]))
-
-
-def _point(n: int) -> Signature:
-    """Arguments of the objective and its gradient."""
-    return [("x", vector(n)), ("p", ca.Sparsity(0, 0))]
-
-
-def _objective(scaled: ScaledProblem) -> Callback:
-    """V / N, and no constraints."""
-
-    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        return [ca.DM(scaled.weight * scaled.guarded(arguments[0]).cost), ca.DM(0, 1)]
-
-    return Callback("objective", _point(len(scaled.x0)), [("f", vector(1)), ("g", ca.Sparsity(0, 1))], evaluate)
-
-
-def _gradient(scaled: ScaledProblem) -> Callback:
-    """V / N and its gradient as a column."""
-    n = len(scaled.x0)
-
-    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        evaluation = scaled.guarded(arguments[0])
-        return [ca.DM(scaled.weight * evaluation.cost), ca.DM(scaled.weight * scaled.scale * evaluation.gradient)]
-
-    return Callback("nlp_grad_f", _point(n), [("f", vector(1)), ("grad_f_x", vector(n))], evaluate)
-
-
-def _hessian(scaled: ScaledProblem) -> Callback:
-    """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""
-    n = len(scaled.x0)
-    upper, rows_of_columns = ca.Sparsity.upper(n), np.tril_indices(n)
-    weights = scaled.weight * np.outer(scaled.scale, scaled.scale)
-
-    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        hessian = float(arguments[2]) * weights * scaled.guarded(arguments[0]).hessian
-        # The upper triangle column by column is the lower one row by row.
-        return [ca.DM(upper, hessian[rows_of_columns])]
-
-    inputs = [*_point(n), ("lam_f", vector(1)), ("lam_g", ca.Sparsity(0, 1))]
-    return Callback("nlp_hess_l", inputs, [("hess_gamma_x_x", upper)], evaluate)
-
-
-def _stop(scaled: ScaledProblem, tolerance: float) -> Callback:
-    """True to end: after an error, or nearer to the stationary point than the tolerance."""
-    n, none = vector(len(scaled.x0)), ca.Sparsity(0, 0)
-    state = [("x", n), ("f", vector(1)), ("g", none), ("lam_x", n), ("lam_g", none), ("lam_p", none)]
-
-    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
-        scaled.guarded(arguments[0])
-        x = scaled.to_x(np.asarray(arguments[0]).ravel())
-        return [ca.DM(scaled.error is not None or scaled.distance(x) < tolerance)]
-
-    return Callback("stop", state, [("ret", vector(1))], evaluate)
+    return Ending(end, scaled.at(end), status, int(stats["iter_count"]))
 
 
 @contextmanager
-def _interrupt_kept(scaled: ScaledProblem) -> Iterator[None]:
+def _interrupt_kept(scaled: _ScaledProblem) -> Iterator[None]:
     """Ctrl-C as an error that the problem keeps: raised within CasADi and its callbacks it would be swallowed."""
     before = getsignal(SIGINT)
     if current_thread() is not main_thread() or not callable(before):
@@ -132,34 +86,26 @@ def _interrupt_kept(scaled: ScaledProblem) -> Iterator[None]:
         signal(SIGINT, before)
 
 
-class ScaledProblem:
+class _ScaledProblem:
     """V / N and its derivatives in z, each x evaluated once; an error of a callback is kept in `error`.
 
     Bounded variables are scaled to unit range, so that a delay in seconds and ln k have the same size for a solver.
     """
 
-    def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation) -> None:
+    def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float) -> None:
         lower, upper = problem.parameters.x_bounds
         bounded = np.isfinite(upper - lower)
-        self.problem, self.x0 = problem, x0
+        self.problem, self.tolerance = problem, tolerance
         self.origin = np.where(bounded, lower, 0.0)
         self.scale = np.where(bounded, upper - lower, np.maximum(np.abs(x0), 1.0))
         self.weight = 1.0 / max(1, problem.n_residuals)
         self.error: BaseException | None = None
         self._cache = (x0.tobytes(), beginning)
 
-    @property
-    def z_bounds(self) -> tuple[FloatArray, FloatArray]:
-        """The parameters' bounds (n_x,) in z."""
-        lower, upper = self.problem.parameters.x_bounds
-        return self.to_z(lower), self.to_z(upper)
-
-    def to_x(self, z: FloatArray) -> FloatArray:
-        """x (n_x,) of z."""
-        return np.asarray(self.origin + self.scale * z)
+    def to_x(self, z: ca.DM) -> FloatArray:
+        return np.asarray(self.origin + self.scale * np.asarray(z).ravel())
 
     def to_z(self, x: FloatArray) -> FloatArray:
-        """z (n_x,) of x."""
         return np.asarray((x - self.origin) / self.scale)
 
     def at(self, x: FloatArray) -> Evaluation:
@@ -169,11 +115,6 @@ class ScaledProblem:
             self._cache = (key, self.problem.evaluate(x))
         return self._cache[1]
 
-    def distance(self, x: FloatArray) -> float:
-        """From x to the stationary point, in standard deviations."""
-        evaluation = self.at(x)
-        return distance_to_optimum(evaluation, self.problem.dof, held_by_bounds(self.problem, x, evaluation))
-
     def guarded(self, z: ca.DM) -> Evaluation:
         """The same for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
 
@@ -181,57 +122,70 @@ class ScaledProblem:
         """
         if self.error is None:
             try:
-                return self.at(self.to_x(np.asarray(z).ravel()))
+                return self.at(self.to_x(z))
             except BaseException as error:
                 self.error = error
-        n = len(self.x0)
+        n = len(self.scale)
         return Evaluation(0.0, np.zeros(n), np.eye(n))
 
+    def objective(self, arguments: Sequence[ca.DM]) -> _Outputs:
+        """V / N, and no constraints."""
+        return [ca.DM(self.weight * self.guarded(arguments[0]).cost), ca.DM(0, 1)]
 
-Outputs: TypeAlias = list[ca.DM]
-# A name and a sparsity for each argument or result.
-Signature: TypeAlias = list[tuple[str, ca.Sparsity]]
+    def gradient(self, arguments: Sequence[ca.DM]) -> _Outputs:
+        """V / N and its gradient as a column."""
+        evaluation = self.guarded(arguments[0])
+        return [ca.DM(self.weight * evaluation.cost), ca.DM(self.weight * self.scale * evaluation.gradient)]
+
+    def hessian(self, arguments: Sequence[ca.DM]) -> _Outputs:
+        """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""
+        weights, n = self.weight * np.outer(self.scale, self.scale), len(self.scale)
+        hessian = float(arguments[2]) * weights * self.guarded(arguments[0]).hessian
+        # The upper triangle column by column is the lower one row by row.
+        return [ca.DM(ca.Sparsity.upper(n), hessian[np.tril_indices(n)])]
+
+    def stop(self, arguments: Sequence[ca.DM]) -> _Outputs:
+        """True to end: after an error, or nearer to the stationary point than the tolerance."""
+        self.guarded(arguments[0])
+        if self.error is not None:
+            return [ca.DM(True)]
+        x = self.to_x(arguments[0])
+        ending = self.at(x)
+        held = held_by_bounds(self.problem, x, ending)
+        return [ca.DM(distance_to_optimum(ending, self.problem.dof, held) < self.tolerance)]
 
 
-class Callback(ca.Callback):
+_Outputs: TypeAlias = list[ca.DM]
+_Signature: TypeAlias = list[tuple[str, ca.Sparsity]]  # of each argument or result
+
+
+class _Callback(ca.Callback):
     """A CasADi function that evaluates a Python function; CasADi deletes one that goes out of scope."""
 
     def __init__(
-        self, name: str, inputs: Signature, outputs: Signature, function: Callable[[Sequence[ca.DM]], Outputs]
+        self, name: str, inputs: _Signature, outputs: _Signature, function: Callable[[Sequence[ca.DM]], _Outputs]
     ) -> None:
         ca.Callback.__init__(self)
         self.inputs, self.outputs, self.function = inputs, outputs, function
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        """Number of arguments."""
         return len(self.inputs)
 
     def get_n_out(self) -> int:
-        """Number of results."""
         return len(self.outputs)
 
     def get_name_in(self, i: int) -> str:
-        """Name of an argument."""
         return self.inputs[i][0]
 
     def get_name_out(self, i: int) -> str:
-        """Name of a result."""
         return self.outputs[i][0]
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Sparsity of an argument."""
         return self.inputs[i][1]
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        """Sparsity of a result."""
         return self.outputs[i][1]
 
-    def eval(self, arguments: Sequence[ca.DM]) -> Outputs:
-        """The results."""
+    def eval(self, arguments: Sequence[ca.DM]) -> _Outputs:
         return self.function(arguments)
-
-
-def vector(n: int) -> ca.Sparsity:
-    """A dense column."""
-    return ca.Sparsity.dense(n, 1)

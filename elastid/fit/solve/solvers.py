@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,7 +21,6 @@ from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import (
     Ending,
-    Evaluation,
     LeastSquares,
     LocalOptimum,
     distance_to_optimum,
@@ -29,18 +29,15 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.fit.solve.ipopt import ipopt
 from elastid.fit.solve.trust_region import CREEPING, trust_region
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import ParameterSet
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 
 # Distance to the stationary point, in standard deviations of the estimate, at which a solve stops: FINE for the
 # estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
 # and so another optimum.
-FINE = 1e-3
-ROUGH = 0.1
-NEAR = 3.0
-_Solver: TypeAlias = Callable[[LeastSquares, FloatArray, Evaluation, float, int], Ending]
-_SOLVERS: dict[SolverName, _Solver] = {"trust_region": trust_region, "ipopt": ipopt}
+FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
+_SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
 def solve(
@@ -73,10 +70,8 @@ def solve(
 
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
-# Iterations of a rough solve.
 ROUGH_ITERATIONS = 60
-# Of dampings and frictions.
-DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
@@ -90,15 +85,12 @@ def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> F
     rng = np.random.default_rng(seed)
     strata = np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T
     cube = 2 * (strata + rng.random((n, n_x))) / max(n, 1) - 1
-    reach = np.array([_reach(parameter, factor) for parameter in parameters.free])
-    return np.vstack([parameters.x, np.clip(parameters.x + cube * reach, lower, upper)])
-
-
-def _reach(parameter: Parameter, factor: float) -> float:
-    if parameter.log:
-        return math.log(factor) * (2 if parameter.unit in DAMPING_UNITS else 1)
-    span = parameter.upper - parameter.lower
-    return 0.1 * span if math.isfinite(span) else 0.0
+    reach = [
+        math.log(factor) * (2 if p.unit in DAMPING_UNITS else 1) if p.log else 0.1 * (p.upper - p.lower)
+        for p in parameters.free
+    ]
+    step = cube * np.where(np.isfinite(reach), reach, 0.0)
+    return np.vstack([parameters.x, np.clip(parameters.x + step, lower, upper)])
 
 
 class Interrupted(KeyboardInterrupt):
@@ -122,7 +114,7 @@ def multistart(
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
     execution = execution or Execution()
-    begin = _Begin(tuple(problems), method)
+    begin = partial(_begin, tuple(problems), method)
     rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
@@ -130,12 +122,15 @@ def multistart(
     reach = best + _deviation(best, problems[-1])
     # One that ran out of iterations is continued where it is near enough.
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
-    polish = _Polish(problems[-1], method)
+    polish = partial(_polish, problems[-1], method)
     try:
         polished = _solved(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
     except Interrupted:
         raise Interrupted(rough) from None
-    ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
+    ends = dict(enumerate(rough)) | dict(zip(hopeful, polished, strict=True))
+    for i, end in enumerate(rough):
+        if i not in hopeful and math.isfinite(end.cost):
+            ends[i] = replace(end, message=f"stopped early, far above the best cost; {end.message}")
     ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
     best = ranked[0].cost
     hit = best + MAX_HIT_EXCESS * _deviation(best, problems[-1])
@@ -145,12 +140,6 @@ def multistart(
 def _deviation(cost: float, problem: LeastSquares) -> float:
     """By how much V rises at one standard deviation from its minimum."""
     return max(1.0, cost / max(problem.dof, 1))
-
-
-def _stopped(end: LocalOptimum) -> LocalOptimum:
-    if not math.isfinite(end.cost):
-        return end
-    return replace(end, message=f"stopped early, far above the best cost; {end.message}")
 
 
 def _solved(
@@ -163,37 +152,24 @@ def _solved(
         raise Interrupted(execution.checkpoint[name] for name in items if name in execution.checkpoint) from None
 
 
-@dataclass(frozen=True)
-class _Begin:
+def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:
     """A start solved roughly, problem by problem."""
-
-    problems: tuple[LeastSquares, ...]
-    method: SolverName
-
-    def __call__(self, x_start: FloatArray) -> LocalOptimum:
-        x, iterations = x_start, 0
-        try:
-            for problem in self.problems:
-                tolerance = ROUGH if problem is self.problems[-1] else NEAR
-                end = solve(problem, x, tolerance, ROUGH_ITERATIONS, self.method)
-                x, iterations = end.x, iterations + end.iterations
-        except FitError as error:
-            return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))
-        return LocalOptimum(x_start, end.x, end.cost, iterations, end.converged, end.message)
+    x, iterations = x_start, 0
+    try:
+        for problem in problems:
+            end = solve(problem, x, ROUGH if problem is problems[-1] else NEAR, ROUGH_ITERATIONS, method)
+            x, iterations = end.x, iterations + end.iterations
+    except FitError as error:
+        return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))
+    return replace(end, x_start=x_start, iterations=iterations)
 
 
-@dataclass(frozen=True)
-class _Polish:
+def _polish(problem: LeastSquares, method: SolverName, rough: LocalOptimum) -> LocalOptimum:
     """A rough end taken to the optimum; far from any noise it stays, since it is near enough."""
-
-    problem: LeastSquares
-    method: SolverName
-
-    def __call__(self, rough: LocalOptimum) -> LocalOptimum:
-        if is_far_from_noise(rough.cost, self.problem.dof):
-            return rough
-        try:
-            end = solve(self.problem, rough.x, FINE, method=self.method)
-        except FitError as error:
-            return replace(rough, cost=math.inf, converged=False, message=str(error))
-        return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)
+    if is_far_from_noise(rough.cost, problem.dof):
+        return rough
+    try:
+        end = solve(problem, rough.x, FINE, method=method)
+    except FitError as error:
+        return replace(rough, cost=math.inf, converged=False, message=str(error))
+    return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)

@@ -34,8 +34,7 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.parameters import ParameterSet
 
-# The first radius, for each variable: a factor of two in all logarithmic parameters.
-FIRST_RADIUS = np.log(2.0)
+FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
 # V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
 POOR_SHARE, GOOD_SHARE = 0.25, 0.75
 # The radius shrinks to a share of the step within these; to the first where V is not finite.
@@ -80,8 +79,9 @@ def trust_region(
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
         # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
         while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
-            if border is not None:
-                metric = np.eye(len(x)) + _weight_of(border, radius) * border
+            if border is not None:  # beta weighs, unless rounding would swallow 1
+                weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
+                metric = np.eye(len(x)) + weight * border
             step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
@@ -103,11 +103,6 @@ def _creeps(costs: Sequence[float], dof: int) -> bool:
     if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
         return False
     return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
-
-
-def _weight_of(border: FloatArray, radius: float) -> float:
-    """The weight of a border's metric added to the unit matrix: (Delta / beta)^2, unless rounding would swallow 1."""
-    return min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
 
 
 def _units(parameters: ParameterSet, x: FloatArray, now: Evaluation) -> FloatArray:

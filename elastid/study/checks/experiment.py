@@ -18,7 +18,7 @@ from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.disturbances import WarmingSpec
 from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, carrier_refusal, chain_refusal, saturation_refusal
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.robot import Joint, Robot
 from elastid.study.checks.fit import check_model
 from elastid.study.checks.names import check_place, check_units

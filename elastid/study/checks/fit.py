@@ -8,8 +8,8 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, is_match
+from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
-from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import misnamed
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -72,7 +72,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
 def _check_profile(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
     if isinstance(study.fit.profile, str):
         return
-    from elastid.fit.uncertainty.intervals import match_names  # brings CasADi, which few checks need
+    from elastid.fit.intervals import match_names  # brings CasADi, which few checks need
 
     for i, pattern in enumerate(study.fit.profile):
         try:
@@ -85,7 +85,7 @@ def _check_geometry(study: Study, parameters: ParameterSet) -> Iterator[Problem]
     """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
     if not named_geometry(study.fit.parameters, study.as_robot()):
         return
-    from elastid.fit.setup.parameter_checks import geometry_problems  # brings CasADi, which few checks need
+    from elastid.fit.checks import geometry_problems  # brings CasADi, which few checks need
 
     configurations = study.experiment.configurations
     if any(study.as_robot().count_refusal(len(angles)) for angles in configurations.values()):

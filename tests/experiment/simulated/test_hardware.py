@@ -24,9 +24,9 @@ from elastid.experiment.specs.disturbances import (
 )
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction.robot_friction import frictions

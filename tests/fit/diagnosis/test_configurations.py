@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from plants.faults import FAULTS, SPEC, drawn, true_case
 
+from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis import configurations
 from elastid.fit.diagnosis.configurations import costs_alone, find_foreign_configurations, find_two_groups
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
 
 

@@ -11,11 +11,11 @@ from plants.three_mass import FREQ, circular
 
 from elastid.base.arrays import ComplexArray
 from elastid.base.kernels import is_compiled
+from elastid.fit.assembly import Assembly
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.derivatives import Sensitivity

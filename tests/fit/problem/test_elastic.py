@@ -22,13 +22,13 @@ from plants.three_mass import (
 )
 
 from elastid.base.errors import StudyError
+from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.line_sums import correlation_length
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.least_squares import logarithmic
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import estimate_uncertainty
-from elastid.fit.uncertainty.line_sums import correlation_length
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Prior, Tie

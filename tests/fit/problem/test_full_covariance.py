@@ -8,12 +8,12 @@ import pytest
 from plants.three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import DataError, StudyError
+from elastid.fit.assembly import robust_factors
+from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import check_factors, weigh
-from elastid.fit.setup.assembly import robust_factors
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
 

@@ -9,13 +9,13 @@ import pytest
 from plants.faults import SPEC, drawn, true_case
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, measured, noise_of, parameters, plant
 
+from elastid.fit.assembly import Assembly, relinearise
+from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
 from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.weights import weigh
-from elastid.fit.setup.assembly import Assembly, relinearise
-from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 

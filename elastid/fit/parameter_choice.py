@@ -19,7 +19,7 @@ from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
-from elastid.robot import Robot
+from elastid.robot import Robot, Rod, Spring
 
 
 def is_group_key(key: str) -> bool:
@@ -38,9 +38,9 @@ def groups_of(
     per, where = spec.per, f"fit.parameters.{name}.per"
     if per == "robot":
         if not robots:
+            example = "fit.robots: {A: [c1, c2], B: [c3]}"
             raise StudyError(
-                f"{where}: no robots are named; say which configurations are of which, for example fit.robots: {{A: "
-                "[c1, c2], B: [c3]}"
+                f"{where}: no robots are named; say which configurations are of which, for example {example}"
             )
         per = {robot: tuple(members) for robot, members in robots.items()}
     if per is None or not configurations:
@@ -60,9 +60,8 @@ def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, Parameter
     if not own_keys:
         return shared
     own = given[key if key in own_keys else own_keys[-1]]
-    bounds = shared.bounds if own.bounds is None else own.bounds
     start = shared.start if own.start is None else own.start
-    return replace(own, start=start, bounds=bounds, prior=own.prior or shared.prior)
+    return replace(own, start=start, bounds=own.bounds or shared.bounds, prior=own.prior or shared.prior)
 
 
 def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
@@ -76,10 +75,8 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
             raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
         pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
         if not pers:
-            raise StudyError(
-                f"{where}: {name} has no groups; say which there are, for example {name}: {{per: robot}} with "
-                "fit.robots"
-            )
+            example = f"{name}: {{per: robot}} with fit.robots"
+            raise StudyError(f"{where}: {name} has no groups; say which there are, for example {example}")
         known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
         if "configuration" not in pers and not any(is_match(label, group) for label in known):
             raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
@@ -100,8 +97,7 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     return {label or "others": tuple(members) for label, members in groups.items()}
 
 
-# Default bounds of a logarithmic parameter: within this factor of its start.
-BOUND_FACTOR = 100.0
+BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
@@ -125,18 +121,16 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
+        log, own = name not in linear, grouped.get(name, {})
         if name not in wanted:
-            chosen.append(Parameter(name, value, unit, log=name not in linear, free=False))
+            chosen.append(Parameter(name, value, unit, log=log, free=False))
             continue
-        parameter = _parameter(name, value, unit, wanted[name], name not in linear)
-        own = grouped[name]
+        parameter = _parameter(name, value, unit, wanted[name], log)
         everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        for group, only in own.items():
-            key = f"{name}@{group}"
+        for key, only in ((f"{name}@{group}", only) for group, only in own.items()):
             asked = spec_of_group(key, wanted[name], spec.parameters)
-            of_group = _parameter(key, value, unit, asked, name not in linear)
-            further.append(replace(of_group, only=only))
+            further.append(replace(_parameter(key, value, unit, asked, log), only=only))
     _check_ratios(spec, chosen)
     chosen += further
     try:
@@ -182,9 +176,8 @@ def _match(
     for key, asked in given.items():
         names = matching(key, table)
         if not names:
-            raise StudyError(
-                f"fit.parameters: the robot has no parameter {key}; {nearest_parameter(key, table, on_demand)}"
-            )
+            near = nearest_parameter(key, table, on_demand)
+            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {near}")
         matched |= {name: _starred(key, name, asked, table) for name in names}
     return matched | {key: asked for key, asked in given.items() if key in table}
 
@@ -207,12 +200,9 @@ def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Paramete
     start = float(ratio.start)
     if not start > 0:
         raise StudyError(f"{where}: the start is {start:g}; it must be positive")
-    lower, upper = (
-        (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / BOUND_FACTOR, start * BOUND_FACTOR)
-    )
-    prior = _prior(ratio.prior, start)
+    lower, upper = map(float, ratio.bounds or (start / BOUND_FACTOR, start * BOUND_FACTOR))
     try:
-        return Parameter(name, start, "1", lower, upper, log=True, prior=prior, ratio=True)
+        return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
     except ValueError as error:
         raise StudyError(f"fit.ratios: {error}") from None
 
@@ -222,9 +212,8 @@ def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
     used = {parameter.tie.by: parameter.name for parameter in chosen if parameter.tie is not None}
     for name in spec.ratios:
         if name not in used:
-            raise StudyError(
-                f"fit.ratios.{name}: no tie uses it; name it in one, such as {{tie: {{to: k_1, by: {name}}}}}"
-            )
+            example = f"{{tie: {{to: k_1, by: {name}}}}}"
+            raise StudyError(f"fit.ratios.{name}: no tie uses it; name it in one, such as {example}")
     for by, name in used.items():
         if by and by not in spec.ratios and by not in {parameter.name for parameter in chosen}:
             known = ", ".join(spec.ratios) or "none"
@@ -233,32 +222,22 @@ def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
     """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
-    names = []
-    for joint in robot.joints:
-        if joint.spring is not None:
-            names.append(f"k_{joint.name}")
-        if joint.spring is not None and joint.spring.damping > 0:
-            names.append(f"d_{joint.name}")
-        if joint.motor is None:
-            continue
-        if joint.motor.viscous > 0:
-            names.append(f"fm_{joint.name}")
-        if joint.motor.spring is not None:
-            names.append(f"km_{joint.name}")
-        if joint.motor.spring is not None and joint.motor.spring.damping > 0:
-            names.append(f"dm_{joint.name}")
-    for loop in robot.loops:
-        if loop.rod is not None and loop.rod.is_elastic:
-            names += [f"k_{loop.name}"] + [f"d_{loop.name}"] * (loop.rod.damping > 0)
+    springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
+    springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
+    springs += [("", loop.name, loop.rod) for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
+    names = [f"fm_{joint.name}" for joint in robot.joints if joint.motor is not None and joint.motor.viscous > 0]
+    for of_motor, name, spring in springs:
+        if spring is not None:
+            names += [f"k{of_motor}_{name}"] + [f"d{of_motor}_{name}"] * (spring.damping > 0)
     return {name: ParameterSpec() for name in names}
 
 
 def _linear_names(robot: Robot) -> set[str]:
     """Names of the parameters that may be zero or negative."""
-    names = {DELAY}
-    for body in robot.all_bodies:
-        names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
-        names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
+    bodies = robot.all_bodies
+    names = {DELAY, *(f"c_{body.name}_{axis}" for body in bodies for axis in "xyz")}
+    products = {"_xy", "_xz", "_yz"}
+    names |= {f"I_{body.name}{entry}" for body in bodies for entry in products.intersection(body.inertia_entries)}
     names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
     names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
     names |= {f"L0_{compensator.name}" for compensator in robot.compensators}

@@ -14,12 +14,12 @@ from plants.marks import SEEDS, slow
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
+from elastid.fit.assembly import Assembly
+from elastid.fit.checks import geometry_problems
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_checks import geometry_problems
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

@@ -39,11 +39,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
-from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.shared_bias import find_factors
-from elastid.fit.problem.weights import Weights
-from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.line_sums import (
+from elastid.fit.line_sums import (
     LineSums,
     block_variance,
     correlation_length,
@@ -51,25 +47,19 @@ from elastid.fit.uncertainty.line_sums import (
     jackknife_variance,
     sum_lines,
 )
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.shared_bias import find_factors
+from elastid.fit.problem.weights import Weights
+from elastid.fit.result import is_in_error
 from elastid.response import FrequencyResponse
 
 
-@frozen_value
-class InformationShares:
-    """share (Q, n_x) of each configuration; band_hz (n_x, 2): the middle half of the information on each parameter.
-
-    weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
-    """
-
-    share: FloatArray
-    band_hz: FloatArray
-    weakest: FloatArray
-
-
-def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest: FloatArray) -> InformationShares:
-    """The shares of all configurations and the band of each parameter; A_inverse (n_x, n_x)
-    over the directions that the data reach."""
-    power = [_by_line(part, A_inverse) for part in parts]
+def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the information."""
+    power = []  # [A^-1 A_k A^-1]_ii (F, n_x) of each line
+    for part in parts:
+        moved = (part.rows @ A_inverse) ** 2
+        power.append(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
@@ -79,13 +69,7 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray, weakest
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
-    return InformationShares(np.array([own / total for own in sums]), band, weakest)
-
-
-def _by_line(part: LineSums, A_inverse: FloatArray) -> FloatArray:
-    """[A^-1 A_k A^-1]_ii (F, n_x) of each line."""
-    moved = (part.rows @ A_inverse) ** 2
-    return np.asarray(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
+    return np.array([own / total for own in sums]), band
 
 
 @frozen_value
@@ -94,7 +78,9 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    shares: the information on each parameter by configuration and band.  disagreement: T of the blocks, 1 for a true
+    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
+    weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
+    disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
     """
 
@@ -103,7 +89,9 @@ class Uncertainty:
     unreached: BoolArray
     expected_cost: float
     cost_dof: float
-    shares: InformationShares
+    share: FloatArray
+    informing_hz: FloatArray
+    weakest: FloatArray
     disagreement: float
     shift: FloatArray
 
@@ -124,7 +112,7 @@ def estimate_uncertainty(
     R = np.diag(prior)
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
-    A_inverse, singular_values, unreached = inverse_information(R)
+    A_inverse, singular_values, unreached, weakest = inverse_information(R)
     dof = fit.problem.dof
     meat, expected_cost, cost_dof = _noise(prior, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
@@ -132,25 +120,26 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
-    floor_share = _floor_share(parts, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
-    floor = floor_share * _floor(parts, A_inverse)
+    floor = _floor(parts, A_inverse, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    shares = information_shares(parts, A_inverse, _weakest(R))
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    share, band_hz = information_shares(parts, A_inverse)
+    kept = slice(n_x)  # the factors are no part of the result
+    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement(blocks, A_inverse)
-    if factors:  # they are no part of the result
-        covariance, unreached, shift = covariance[:n_x, :n_x], unreached[:n_x], shift[:n_x]
-        shares = InformationShares(shares.share[:, :n_x], shares.band_hz[:n_x], shares.weakest[:n_x])
-    return Uncertainty(covariance, singular_values, unreached, expected_cost, cost_dof, shares, parted, shift)
+    estimate = covariance[kept, kept], singular_values, unreached[kept]
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept])
 
 
-def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
     """A^-1 of A = R^T R over the directions that the data reach, singular values, and which parameters lie outside.
+
+    Last the weakest direction (n_x,), of length one, its largest entry positive.
 
     The data do not reach directions whose scaled singular value is below 1e-8 of the largest; a parameter lies outside
     if its part in one of these, of length one, exceeds 1e-3.  From R and not from A, whose condition number is the
@@ -161,14 +150,8 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     _, singular_values, Vt = np.linalg.svd(R / length)
     reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
-    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
-
-
-def _weakest(R: FloatArray) -> FloatArray:
-    """The last right singular vector (n_x,) of R with columns scaled to unit length, its largest entry positive."""
-    length = np.linalg.norm(R, axis=0)
-    direction: FloatArray = np.linalg.svd(R / np.where(length > 0, length, 1.0))[2][-1]
-    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
+    weakest = Vt[-1] * np.sign(Vt[-1][np.argmax(np.abs(Vt[-1]))])
+    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0), weakest
 
 
 def _noise(
@@ -179,14 +162,15 @@ def _noise(
     prior (n_x,): 1 / s.  Where no noise was measured the residuals are taken for it.
     """
     meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
-    known = any(part.noise_power is not None for part in parts)
+    known = any(part.blocks.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
-        if part.noise_meat is None or part.noise_power is None or part.noise_spread is None:
+        if part.blocks.noise is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
             spread += 2 * level**2 * part.n_residuals
         else:
-            meat, power, spread = meat + part.noise_meat, power + part.noise_power, spread + part.noise_spread
+            meat, power = meat + part.blocks.noise.sum(axis=0), power + part.noise_power
+            spread += part.noise_spread
     return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / spread if known else math.nan
 
 
@@ -207,21 +191,18 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
     return np.asarray(shape * np.outer(scale, scale))
 
 
-def _floor(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
-    """Covariance (n_x, n_x) of x if each element is off by the floor, by one random factor an octave."""
+def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: float, cost_dof: float) -> FloatArray:
+    """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
+
+    s: the share of its power for which V leaves room above the noise and two standard deviations of V.
+    """
     pulls: dict[tuple[str, str, int], ComplexArray] = {}
     for part in parts:
         for key, pull in part.floor_pull.items():
             pulls[key] = pulls.get(key, 0.0) + pull
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
-    return np.asarray(0.5 * (shifts @ shifts.conj().T).real)
-
-
-def _floor_share(parts: Sequence[LineSums], expected_cost: float, cost_dof: float) -> float:
-    """s: the share of the floor's power for which V leaves room above the noise and two standard deviations of V."""
     power = sum(part.floor_power for part in parts)
-    if power == 0:
-        return 0.0
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
     room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
-    return float(np.clip(room / power, 0.0, 1.0))
+    share = np.clip(room / power, 0.0, 1.0) if power else 0.0
+    return np.asarray(share * (0.5 * (shifts @ shifts.conj().T).real))

@@ -12,7 +12,7 @@ their places: M contains m c^2.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -48,8 +48,7 @@ from elastid.robot import Robot
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
 # with their square.
 OUTLIER_STDS = 2.0
-# Of the Rayleigh distribution with two components of unit variance.
-RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
@@ -81,10 +80,15 @@ class Assembly:
         """Weigh the responses and build the model."""
         weights = tuple(weigh(response, spec) for response in responses)
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
-        moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
-        if not linearisation.is_affine_in(moved):
-            linearisation = Linearisation.of(linearisation.model, follows=True)
-        return cls(tuple(responses), weights, linearisation, parameters, spec, model)
+        assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model)
+        if linearisation.is_affine_in(assembly._moved):
+            return assembly
+        return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
+
+    @property
+    def _moved(self) -> set[str]:
+        """Names of the parameters that x moves in any configuration."""
+        return {name for G in self.responses for name in self.parameters.moved(G.configuration.name)}
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -93,9 +97,8 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
-        models = [
-            linear_model(self.linearisation, G, self.parameters.expand(x, G.configuration.name)) for G in self.responses
-        ]
+        thetas = (self.parameters.expand(x, G.configuration.name) for G in self.responses)
+        models = [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
         return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot))
@@ -103,14 +106,23 @@ class Assembly:
     @cached_property
     def is_local(self) -> bool:
         """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
-        moved = {name for response in self.responses for name in self.parameters.moved(response.configuration.name)}
-        return self.linearisation.follows or not self.linearisation.is_affine_in(moved)
+        return self.linearisation.follows or not self.linearisation.is_affine_in(self._moved)
 
     def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
         """The problem of the search: the fit as linearised, or linearised at every x where it is local."""
         if not self.is_local:
             return fit.problem
-        return RelinearisedFit(partial(self.at, criterion=criterion), fit).problem
+        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
+
+    def _relinearised(self, first: ElasticFit, criterion: ResidualKind, x: FloatArray) -> Evaluation:
+        """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
+
+        Which elements count, and how much, stays as it is in the first fit.
+        """
+        try:
+            return self.at(x, criterion).with_residuals_of(first).evaluate(x)
+        except StudyError:
+            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
@@ -122,9 +134,8 @@ class Assembly:
         notes: list[Note] = []
         for numbers, configurations in groups.items():
             theta = np.array(numbers)
-            notes += spring_notes(
-                model, theta, [equilibrium(model, theta, posture) for posture in configurations.values()]
-            )
+            rests = [equilibrium(model, theta, posture) for posture in configurations.values()]
+            notes += spring_notes(model, theta, rests)
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
@@ -194,12 +205,11 @@ def relinearise(
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
             return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
-    note = Note(
-        "still-moving",
+    text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
-        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    return RelinearisedOptimum(end, fit, current.responses, current.weights, (note,), c)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, (Note("still-moving", text),), c)
 
 
 def robust_factors(
@@ -217,26 +227,3 @@ def robust_factors(
     if spec.loss == "huber":
         return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
     return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)
-
-
-@dataclass(frozen=True, eq=False)
-class RelinearisedFit:
-    """linearise(x): the fit with every configuration linearised at x.  first: at the first start, for its gains."""
-
-    linearise: Callable[[FloatArray], ElasticFit]
-    first: ElasticFit
-
-    @property
-    def problem(self) -> LeastSquares:
-        """The problem of a solver; it pickles."""
-        return replace(self.first.problem, evaluate=self.evaluate)
-
-    def evaluate(self, x: FloatArray) -> Evaluation:
-        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand.
-
-        Which elements count, and how much, stays as it is at the first start.
-        """
-        try:
-            return self.linearise(x).with_residuals_of(self.first).evaluate(x)
-        except StudyError:
-            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))

@@ -12,8 +12,8 @@ from plants.marks import SEEDS
 from plants.notes import said
 
 from elastid.fit.identify import Assembly, identify
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

@@ -12,6 +12,14 @@ to the stated variance, which holds correlated elements, model error and the flo
 sqrt(V_p - V) is nearly linear in x_i, and its slope is known: dV_p / dx_i = g^T t with the tangent t of the path along
 which the others follow, t_i = 1. Newton's method on it takes a few points to each end, and each point, begun on the
 tangent of the one before, a few evaluations.
+
+The bootstrap repeats the fit on data that are drawn again about its optimum:
+
+.. math:: \hat G^{(b)} = G(\hat\theta) + e^{(b)}
+
+parametric: e is drawn from the measured covariance, or where none is known from the weights. residual: the whitened
+residuals of a configuration are drawn with replacement, in blocks as long as neighbouring lines are correlated, with a
+random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.)
 """
 
 from __future__ import annotations
@@ -20,26 +28,118 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import FitError, StudyError, did_you_mean
 from elastid.base.execution import Execution, in_order
 from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, held_by_bounds
+from elastid.fit.assembly import RelinearisedOptimum
+from elastid.fit.line_sums import correlation_length
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import RESIDUALS, Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
+from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import RelinearisedOptimum
-from elastid.fit.solve.solvers import ROUGH
+from elastid.fit.solve.solvers import FINE, ROUGH, solve
 from elastid.fit.solve.trust_region import trust_region
 from elastid.fit.spec import FitSpec
-from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.parameters import ParameterSet
 
-# A step to an end is at most this many times as far from the optimum as the point before.
-MAX_GROWTH = 3.0
+
+def bootstrap(
+    fit: ElasticFit,
+    weights: Sequence[Weights],
+    x: FloatArray,
+    repetitions: int,
+    kind: Literal["parametric", "residual"] = "parametric",
+    seed: int = 0,
+    execution: Execution | None = None,
+) -> FloatArray:
+    """Estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
+
+    Each repetition has its own random numbers, so that the result does not depend on the execution.
+    """
+    draws = np.random.SeedSequence(seed).spawn(repetitions)
+    source = _parametric if kind == "parametric" else _residual
+    sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
+    names = [f"bootstrap-{i}" for i in range(repetitions)]
+    ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, x), draws, names))
+    return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
+
+
+def _repeat(fit: ElasticFit, sources: tuple[_Source, ...], x: FloatArray, draw: np.random.SeedSequence) -> LocalOptimum:
+    rng = np.random.default_rng(draw)
+    drawn = (source.draw(rng) for source in sources)
+    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
+    try:
+        return solve(replace(fit, parts=parts).problem, x, FINE)
+    except FitError as error:
+        return LocalOptimum(x, x, math.inf, 0, False, str(error))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """The distribution of a measured response: the model's G (F, n_y, n_u), and errors in blocks of lines.
+
+    root (F, m, m): the errors of G, row by row, are root z; z is white noise where residual is None, else drawn from
+    residual (F, m) in blocks.
+    """
+
+    G: ComplexArray
+    root: ComplexArray
+    used: BoolArray
+    residual: ComplexArray | None
+    block: int
+    logarithmic: bool
+
+    def draw(self, rng: np.random.Generator) -> ComplexArray:
+        """A measured response."""
+        F, m = self.root.shape[:2]
+        if self.residual is None:
+            z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
+        else:
+            starts = rng.integers(0, F, math.ceil(F / self.block))
+            lines = (starts[:, None] + np.arange(self.block)).ravel()[:F] % F
+            turns = np.repeat(np.exp(2j * np.pi * rng.random(len(starts))), self.block)[:F]
+            z = self.residual[lines] * turns[:, None]
+        e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)
+        with np.errstate(over="ignore", invalid="ignore"):
+            drawn = self.G * np.exp(e) if self.logarithmic else self.G + e
+        return np.where(self.used, drawn, self.G)
+
+
+def _parametric(part: Part, weights: Weights, theta: FloatArray) -> _Source:
+    G, used = part.kernel.response(theta), part.gain > 0
+    C = weights.noise_covariance()
+    F, n_y, n_u = G.shape
+    if C is None:
+        root = np.where(used, weights.sigma, 0.0).reshape(F, -1)[:, :, None] * np.eye(n_y * n_u)
+    else:
+        row_by_row = vec(np.arange(n_y * n_u).reshape(n_y, n_u)).argsort()
+        C = C[:, row_by_row[:, None], row_by_row]
+        values, vectors = np.linalg.eigh(C)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    return _Source(G, root.astype(complex), used, None, 1, False)
+
+
+def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
+    G, used = part.kernel.response(theta), part.gain > 0
+    F = len(G)
+    e = np.where(used, RESIDUALS[part.criterion](part.measured, G)[0], 0.0)
+    r = np.where(used, part.gain * np.where(used, e, 0.0), 0.0).reshape(F, -1)
+    gain = np.where(used, part.gain, 1.0).reshape(F, -1)
+    mixing = part.mixing
+    whiten = gain[:, None, :] * (np.eye(r.shape[1]) if mixing is None else mixing)
+    r = r if mixing is None else (mixing @ r[:, :, None])[:, :, 0]
+    block = min(F, math.ceil(correlation_length([r])))
+    return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")
+
+
+MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 
 @dataclass(frozen=True)
@@ -53,11 +153,7 @@ class Profile:
 
 
 def profiles(
-    problem: LeastSquares,
-    x: FloatArray,
-    variance: FloatArray,
-    names: Sequence[str],
-    execution: Execution | None = None,
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> tuple[Profile, ...]:
     """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
     best = problem.evaluate(x)
@@ -65,9 +161,8 @@ def profiles(
     free = problem.parameters.free_names
     stated = np.where(np.isfinite(variance), variance, curvature)
     work = _Work(problem, x, best, stated, QUANTILE_95**2 * stated / np.maximum(curvature, 1e-300))
-    places = [free.index(name) for name in names]
-    results = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
-    return tuple(in_order(results))
+    places, labels = [free.index(name) for name in names], [f"profile-{name}" for name in names]
+    return tuple(in_order((execution or Execution()).resumed(work, places, labels)))
 
 
 @dataclass(frozen=True)
@@ -101,9 +196,8 @@ class _Work:
     def _end(self, place: int, side: int, begin: _Point) -> tuple[float, list[_Point]]:
         """Where V_p crosses the level on one side, infinite where it does not before the bound, and the points."""
         optimum, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
-        level = math.sqrt(self.allowed[place])
+        level, points = math.sqrt(self.allowed[place]), list[_Point]()
         inside, outside, last = 0.0, math.inf, begin
-        points: list[_Point] = []
         at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
         while len(points) < 15:
             at = min(at, bound) if side > 0 else max(at, bound)
@@ -136,8 +230,7 @@ class _Work:
             beginning = self.problem.evaluate(x)
         if not math.isfinite(beginning.cost):  # no model there
             return _Point(x, math.inf, math.inf, last.tangent)
-        end = trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place))
-        return self._point(place, end)
+        return self._point(place, trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place)))
 
     def _point(self, place: int, end: Ending) -> _Point:
         """With the tangent: the Gauss-Newton step of the others that no bound holds, for a unit step of this one."""
@@ -163,8 +256,7 @@ def _next_reach(reach: float, ends: tuple[float, float], missing: float, slope: 
     return MAX_GROWTH * inside if math.isinf(outside) else 0.5 * (inside + outside)
 
 
-# Parameters with a profile likelihood, at most: each costs some ten to twenty evaluations.
-MAX_PROFILES = 6
+MAX_PROFILES = 6  # each costs some ten to twenty evaluations
 
 
 def interval_errors(
@@ -187,9 +279,9 @@ def interval_errors(
 
 def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: FloatArray) -> float:
     """Of the interval x -+ half (n_x,), V at x being `cost`."""
-    lower, upper, worst = *problem.parameters.x_bounds, 0.0
+    worst = 0.0
     for step in (-half, half):
-        end = np.clip(x + step, lower, upper)
+        end = np.clip(x + step, *problem.parameters.x_bounds)
         ending = problem.evaluate(end)
         rise = ending.cost - cost
         if not (rise > 0 and np.isfinite(rise)):
@@ -198,18 +290,20 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     return worst
 
 
-def add_intervals(
-    result: FitResult,
-    optimum: RelinearisedOptimum,
-    spec: FitSpec,
-    execution: Execution,
-) -> FitResult:
+def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem, x, variance, execution.quiet)
-        notes += _profile_notes(names, left)
+        text = (
+            f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
+            "parameter); the interval is by profile likelihood"
+        )
+        text += (
+            f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
+        )
+        notes += [Note("profiled-interval", text, severity="information")] if names else []
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
@@ -220,27 +314,18 @@ def add_intervals(
         draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > 0.05:
-            notes.append(
-                Note(
-                    "bootstrap-failures",
-                    f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out",
-                )
-            )
+            text = f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out"
+            notes.append(Note("bootstrap-failures", text))
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
     return replace(result, notes=tuple(notes))
 
 
 def profile_ends(
-    problem: LeastSquares,
-    x: FloatArray,
-    variance: FloatArray,
-    names: Sequence[str],
-    execution: Execution | None = None,
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    profiled = profiles(problem, x, variance, names, execution)
-    rows = {profile.name: profile.interval for profile in profiled}
+    rows = {profile.name: profile.interval for profile in profiles(problem, x, variance, names, execution)}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 
@@ -254,25 +339,15 @@ def choose_profiles(
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
-def _profile_notes(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
-    if not names:
-        return ()
-    text = (
-        f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
-        "parameter); the interval is by profile likelihood"
-    )
-    more = f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
-    return (Note("profiled-interval", text + more, severity="information"),)
-
-
 def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
     """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
-    free = parameters.free_names
-    chosen = {pattern: matching(pattern, free) for pattern in patterns}
-    for pattern, names in chosen.items():
+    free, chosen = parameters.free_names, set[str]()
+    for pattern in patterns:
+        names = matching(pattern, free)
         if not names:
             raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
-    return tuple(name for name in free if any(name in names for names in chosen.values()))
+        chosen.update(names)
+    return tuple(name for name in free if name in chosen)
 
 
 def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:

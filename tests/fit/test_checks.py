@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from plants.notes import said
 
+from elastid.fit.checks import find_contradictions
 from elastid.fit.identify import identify
-from elastid.fit.setup.response_checks import find_contradictions
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

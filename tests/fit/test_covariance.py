@@ -7,10 +7,9 @@ import pytest
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.execution import Execution
+from elastid.fit.intervals import bootstrap, interval_errors, profiles
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
-from elastid.fit.uncertainty.bootstrap import bootstrap
-from elastid.fit.uncertainty.intervals import interval_errors, profiles
 from elastid.linear.fitted_model import response_deviation, uncertain_modes
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response

@@ -32,9 +32,9 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.statistics import small_sample_factor
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.least_squares import as_real, error_gain
+from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.shared_bias import Factor, bias_slopes
-from elastid.fit.problem.smoothed_noise import SmoothedNoise
+from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec
 from elastid.response import FrequencyResponse
 
@@ -45,7 +45,7 @@ class LineSums:
 
     rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
     blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
-    noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both None where
+    noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
     factor.
@@ -56,8 +56,8 @@ class LineSums:
     residual: ComplexArray
     pull: FloatArray
     blocks: Blocks
-    noise_power: float | None
-    noise_spread: float | None
+    noise_power: float
+    noise_spread: float
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
 
@@ -65,11 +65,6 @@ class LineSums:
     def cost(self) -> float:
         """sum |r|^2, this configuration's share of V."""
         return float(np.vdot(self.residual, self.residual).real)
-
-    @property
-    def noise_meat(self) -> FloatArray | None:
-        """Covariance (n_x, n_x) of J^T r under the measured noise; None where none was measured."""
-        return None if self.blocks.noise is None else np.asarray(self.blocks.noise.sum(axis=0))
 
     @property
     def n_residuals(self) -> int:
@@ -91,25 +86,23 @@ def sum_lines(
         J = np.concatenate([J, bias_slopes(part, response, factors, mixing)])
     T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
-    noise = weights.noise_covariance()
-    S = None if noise is None else T @ noise @ _H(T)
     # A sum over lines whose errors are correlated has so many times the variance.
-    together = response.correlated_lines
+    together, S, power, spread = response.correlated_lines, None, math.nan, math.nan
+    noise = weights.noise_covariance()
+    if noise is not None and weights.noise is not None:
+        S = T @ noise @ hermitian(T)
+        power = float(np.einsum("faa->", S).real)
+        # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
+        smooth = T @ weights.noise.covariance @ hermitian(T)
+        spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
-    residual, pull = r.reshape(len(r), -1), np.einsum("pfab,fab->pf", J.conj(), r).real
-    return LineSums(
-        freq_hz=response.freq_hz,
-        rows=as_real(J).reshape(len(J), -1).T,
-        residual=residual,
-        pull=pull,
-        blocks=sum_blocks(
-            pull, vec(J).transpose(1, 2, 0), None if S is None else together * S, correlation_length([residual])
-        ),
-        noise_power=None if S is None else float(np.einsum("faa->", S).real),
-        noise_spread=None if weights.noise is None else together * _spread(T, weights.noise),
-        floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
-        floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
-    )
+    rows, residual = as_real(J).reshape(len(J), -1).T, r.reshape(len(r), -1)
+    pull = np.einsum("pfab,fab->pf", J.conj(), r).real
+    S = None if S is None else together * S
+    blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual]))
+    floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
+    floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
+    return LineSums(response.freq_hz, rows, residual, pull, blocks, power, spread, floor_power, floor_pull)
 
 
 def correlation_length(residuals: Sequence[ComplexArray]) -> float:
@@ -133,24 +126,12 @@ def correlation_length(residuals: Sequence[ComplexArray]) -> float:
 
 def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
-    t = vec(gain)
+    t = vec(part.error_gain)
     if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
     n_y, n_u = part.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
     return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
-
-
-def _spread(T: ComplexArray, noise: SmoothedNoise) -> float:
-    """(1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them."""
-    S = T @ noise.covariance @ _H(T)
-    return (1 + noise.repeats) * float(np.sum(np.abs(S) ** 2))
-
-
-def _H(A: ComplexArray) -> ComplexArray:
-    return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
 def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
@@ -193,24 +174,21 @@ def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length
     pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.
     """
-    pulls, noise = [], []
-    for band in bands(len(J), length):
-        pulls.append(pull[:, band].sum(axis=1))
-        if S is not None:
-            columns = J[band]
-            noise.append(0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S[band] @ columns, axis=0).real)
-    return Blocks(np.array(pulls), np.array(noise) if S is not None else None)
+    slices = bands(len(J), length)
+    pulls = np.array([pull[:, band].sum(axis=1) for band in slices])
+    if S is None:
+        return Blocks(pulls, None)
+    noise = [0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real for band in slices]
+    return Blocks(pulls, np.array(noise))
 
 
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:
     """Variances (n_x,) of x, zero for fewer than three configurations; A (n_x, n_x): J^T J of all, priors included."""
-    Q = len(parts)
+    Q, length = len(parts), np.sqrt(np.diag(A))
     if Q < 3:
         return np.zeros(len(A))
-    length = np.sqrt(np.diag(A))
     length[length == 0] = 1.0
-    moved = np.array([_moved_without(part, A, length) for part in parts])
-    t = small_sample_factor(Q)
+    moved, t = np.array([_moved_without(part, A, length) for part in parts]), small_sample_factor(Q)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
 
 

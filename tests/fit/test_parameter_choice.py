@@ -11,7 +11,7 @@ from plants.notes import said
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response

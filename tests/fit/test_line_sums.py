@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.line_sums import (
+from elastid.fit.line_sums import (
     MAX_BANDS,
     MIN_BANDS,
     Blocks,
@@ -17,6 +16,7 @@ from elastid.fit.uncertainty.line_sums import (
     disagreement,
     jackknife_variance,
 )
+from elastid.fit.result import is_in_error
 
 F, N_X, SETS = 240, 3, 400
 
@@ -77,7 +77,7 @@ def test_few_blocks_and_unknown_noise_say_nothing() -> None:
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
-    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), None, None, 0.0, {})
+    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), np.nan, np.nan, 0.0, {})
 
 
 def left_out(blocks, y):

@@ -12,10 +12,10 @@ from plants.elastic_arm import arm, deviations, measure, pendulum, started_elsew
 from plants.two_axes import ROBOT, STUDY
 
 from elastid.base.errors import FitError, StudyError
+from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Chain, ChannelGain, Robot

@@ -1,0 +1,312 @@
+r"""Checks before a fit: responses of this robot, none twice; possible geometry, an effect of each parameter, a scale.
+
+The ends a_1, a_2 of a compensator, within their bounds, at the closest that they come in a configuration:
+
+.. math:: \min_{a_1, a_2} |p_2 + R_2 a_2 - p_1 - R_1 a_1|
+
+where they meet its force has no direction, and its lateral stiffness k L_0 / L no bound.
+
+.. math:: \hat G = \frac{g_y}{g_u}\, G(M, D, K), \qquad G(c M, c D, c K) = G(M, D, K) / c
+
+Where all inertias, stiffnesses and dampings that a gain multiplies are free, their common factor is that of the gain;
+and where the torques' and the motions' gains are all free, one of them stands for the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.note import Note
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.model.closed_posture import assembled, followed
+from elastid.model.kinematics import frame_poses
+from elastid.parameters import Parameter, ParameterSet
+from elastid.response import FrequencyResponse
+from elastid.robot import BASE, Compensator, Robot
+
+
+def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
+    """Refuse responses that cannot be of this robot, or not in one fit.
+
+    Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
+    joints, places that the robot does not have, and quantities or sampling rates that differ.  TypeError for a single
+    response, or for a robot that is none.
+    """
+    check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
+    for response in responses:
+        check_kind(response, FrequencyResponse, "one of the responses", "read_responses and estimate make them")
+    check_kind(robot, Robot, "robot", "load_robot(path) reads one, and a study has one as study.robot")
+    if not responses:
+        raise DataError("there is no response to fit; measure at least one configuration")
+    names = [response.configuration.name for response in responses]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise DataError(
+            f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
+            "or give each its own name where they are separate measurements"
+        )
+    for response in responses:
+        _check_robot(response, robot)
+    for first, second in _same_postures(responses):
+        if np.array_equal(first.freq_hz, second.freq_hz) and np.array_equal(first.G, second.G):
+            raise DataError(
+                f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers at "
+                "the same angles: one measurement under two names, whose lines would count twice; leave one out"
+            )
+    if len({response.rate_is_known for response in responses}) > 1:
+        unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
+        raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
+
+
+def find_same_postures(
+    responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
+) -> tuple[Note, ...]:
+    """A note on configurations that are one posture of one robot, with the same parameters, under two names."""
+
+    def group(name: str) -> tuple[object, ...]:
+        own = tuple(p.name for p in parameters if name in p.only)
+        return own, tuple(robot for robot, members in robots.items() if name in members)
+
+    pairs = ((first.configuration.name, second.configuration.name) for first, second in _same_postures(responses))
+    duplicates = [f"{first} and {second}" for first, second in pairs if group(first) == group(second)]
+    text = (
+        f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
+        "twice; leave one out where it was not, and name them in fit.robots where they are of two robots"
+    )
+    return (Note("same-posture", text),) if duplicates else ()
+
+
+def find_contradictions(
+    responses: Sequence[FrequencyResponse], robots: Mapping[str, Sequence[str]]
+) -> tuple[Note, ...]:
+    """A warning where responses of one robot at the same declared angles differ far beyond their noise.
+
+    No parameters explain both; those that are found are of neither.  Responses are not of one posture where the median
+    over lines of |G1 - G2| / |G| exceeds 0.3, by less than which friction changes from one measurement to the next, and
+    that over its standard deviation 5.
+    """
+    unlike = [
+        (f"{first.configuration.name} and {second.configuration.name}", *difference)
+        for first, second in _same_postures(responses)
+        if all((first.configuration.name in own) == (second.configuration.name in own) for own in robots.values())
+        and (difference := _difference(first, second))[0] > 0.3
+        and difference[1] > 5.0
+    ]
+    if not unlike:
+        return ()
+    _, share, over_std = max(unlike, key=lambda pair: pair[1])
+    text = (
+        f"declared at the same angles, and their responses differ: {', '.join(pair[0] for pair in unlike)}, by up to "
+        f"{100 * share:.0f} % (median of the lines), {over_std:.0f} times their noise; no parameters explain both, and "
+        "those that are found may be off by many times their std: correct the angles under experiment.configurations, "
+        "or name the robots in fit.robots where they are of two"
+    )
+    return (Note("unlike-at-one-posture", text),)
+
+
+def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[float, float]:
+    """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
+
+    Without common lines both are 0; where the noise is not known, it is taken for none.
+    """
+    _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
+    if not lines.size:
+        return 0.0, 0.0
+    G, H = first.G[lines], second.G[other_lines]
+    difference = np.abs(G - H)
+    variance = sum(
+        0.0 if covariance is None else covariance.variance[rows]
+        for covariance, rows in ((first.noise, lines), (second.noise, other_lines))
+    )
+    relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
+    return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
+
+
+def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
+    """Pairs at the same angles and through the same channels."""
+    angles = np.array([response.configuration.angles for response in responses])
+    same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
+    for i, j in np.argwhere(np.triu(same, 1)):
+        first, second = responses[i], responses[j]
+        if (first.inputs, first.outputs) == (second.inputs, second.outputs):
+            yield first, second
+
+
+def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
+    """A note on every two configurations that hold the same numbers, which two measurements never do."""
+    notes = []
+    for first, second in combinations(responses, 2):
+        if (first.inputs, first.outputs) != (second.inputs, second.outputs):
+            continue
+        _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
+        same = int(np.all((first.G[lines] == second.G[other_lines]) & (first.G[lines] != 0), axis=(1, 2)).sum())
+        count = min(first.n_lines, second.n_lines)
+        if same > 0.5 * count:
+            text = (
+                f"configurations {first.configuration.name} and {second.configuration.name} hold the same numbers at "
+                f"{same} of {count} lines: one measurement counts twice, which makes the intervals too narrow, or a "
+                "file is given for the wrong configuration; leave one of them out"
+            )
+            notes.append(Note("alike-responses", text))
+    return tuple(notes)
+
+
+def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
+    where, angles = f"configuration {response.configuration.name}", response.configuration.angles
+    other = "is this response from another robot?"
+    if refused := robot.count_refusal(angles.size):
+        raise DataError(f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
+    if not np.all(np.isfinite(angles)):
+        raise DataError(f"{where}: an angle is not a finite number")
+    motors = robot.motor_locations
+    missing = [name for name in response.inputs if name not in motors]
+    if missing:
+        has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
+        raise DataError(f"{where}: {has_not}; there are {', '.join(motors)}; {other}")
+    for place in response.outputs:
+        try:
+            robot.check_location(place)
+        except StudyError as error:
+            raise DataError(f"{where}: an output, {error}; {other}") from None
+
+
+Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]  # by name, the motors' angles (n_u,)
+MIN_DISTANCE_M = 1e-3  # two ends nearer to each other are one point
+
+
+def geometry_problems(
+    parameters: ParameterSet, robot: Robot, configurations: Configurations
+) -> Iterator[tuple[str, str]]:
+    """Each parameter whose start or bounds are impossible in one of the configurations, with a message."""
+    free = [p for p in parameters.free if p.stands_for in robot.geometry]
+    if not free:
+        return
+    for name, angles in configurations.items():
+        moved = [p for p in free if not p.only or name in p.only]
+        table = robot.parameters(parameters.names)
+        numbers = dict(zip(parameters.names, parameters.expand(parameters.x, name).tolist(), strict=True))
+        started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in moved)
+        try:
+            placed = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
+            assembled(placed, np.array(angles, dtype=float))
+        except (StudyError, ValueError) as error:
+            yield moved[0].name, f"the robot cannot stand at the start {started} in configuration {name}: {error}"
+            return
+        for compensator in placed.compensators:
+            mine = [p for p in moved if p.stands_for in compensator.geometry]
+            # All but a coil without rest length pull where their ends meet.
+            coil, rest = compensator.coil, f"L0_{compensator.name}"
+            pulls = coil is None or coil.rest_length > 0 or any(p.stands_for == rest for p in parameters.free)
+            if mine and pulls:
+                yield from _meeting(placed, compensator, mine, name, np.array(angles, dtype=float))
+
+
+def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
+    """StudyError with the first of the `geometry_problems`."""
+    for name, message in geometry_problems(parameters, robot, configurations):
+        raise StudyError(f"fit.parameters.{name}: {message}")
+
+
+def _meeting(
+    robot: Robot, compensator: Compensator, free: Sequence[Parameter], configuration: str, angles: FloatArray
+) -> Iterator[tuple[str, str]]:
+    """The problem where the ends come together at the start of these coordinates, or within their bounds."""
+    from scipy.optimize import lsq_linear  # slow to load, for the few robots with compensators
+
+    q = followed(robot, angles[None])
+    (start, first), (end, second) = (_pose(robot, q, anchor.body) for anchor in compensator.ends)
+    points = [np.array(anchor.point, dtype=float) for anchor in compensator.ends]
+    bounded = [p for p in free if np.isfinite(p.upper - p.lower)]
+    axes = np.zeros((3, len(bounded)))
+    for column, parameter in enumerate(bounded):
+        _, i, _, axis = compensator.geometry[parameter.stands_for][1]
+        axes[:, column] = (second if i else -first)[:, int(axis)]
+    gap = end + second @ points[1] - start - first @ points[0]
+    values, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
+    if np.linalg.norm(gap) > MIN_DISTANCE_M and bounded:
+        solution = lsq_linear(axes, axes @ values - gap, (low, high)).x
+        gap, values = gap + axes @ (solution - values), solution
+    if np.linalg.norm(gap) > MIN_DISTANCE_M:
+        return
+    places = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, values, strict=True))
+    yield (
+        (bounded or list(free))[0].name,
+        f"within the bounds both ends of compensator {compensator.name} come together in configuration "
+        f"{configuration}, at {places or 'its start'}, where its force has no direction; narrow them, so that its ends "
+        "stay apart",
+    )
+
+
+def _pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
+    """Origin (3,) and axes (3, 3) of a body in the base frame."""
+    if body == BASE:
+        return np.zeros(3), np.eye(3)
+    poses = frame_poses(robot, q, body)
+    return poses.position[0], poses.rotation[0]
+
+
+MIN_PART = 1e-3  # of a combination of length one; a parameter with a larger part belongs to it
+
+
+def check_effects(fit: ElasticFit, robot: Robot) -> None:
+    """FitError that names the free parameters without effect on the responses that count."""
+    x = fit.parameters.x
+    information = np.diag(replace(fit, inertias=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
+    # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
+    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
+    effect = np.sqrt(np.maximum(information, 0.0)) * np.array(spans)
+    without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
+    if without.any():
+        names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
+        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
+        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
+        raise FitError(
+            f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
+            f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
+            + (hint if places else "")
+        )
+
+
+def check_scale(fit: ElasticFit, robot: Robot) -> None:
+    """FitError where a gain and other parameters have no effect together; it names priors that would fix the scale."""
+    names = fit.parameters.free_names
+    gains = np.array([parameter.stands_for in robot.gains for parameter in fit.parameters.free])
+    if not gains.any():
+        return
+    rows = [np.diag(fit.prior_slopes)]
+    for _, J in fit.blocks(fit.parameters.x):
+        flat = J.reshape(len(names), -1)
+        rows.append(np.asarray(np.linalg.qr(np.vstack([flat.real.T, flat.imag.T]), mode="r")))
+    R = np.vstack(rows)
+    R /= np.maximum(np.linalg.norm(R, axis=0), 1e-300)
+    parts = together = _without_scale(R)
+    needed = []
+    while np.any(parts[gains] > MIN_PART):
+        place = int(np.argmax(np.where(gains, parts, 0.0)))
+        needed.append(names[place])
+        R = np.vstack([R, np.eye(len(names))[place]])
+        parts = _without_scale(R)
+    if needed:
+        listed = ", ".join(name for name, part in zip(names, together, strict=True) if part > MIN_PART)
+        priors = ", ".join(f"{name}: {{prior: {{std: 0.05}}}}" for name in needed)
+        raise FitError(
+            f"nothing fixes the scale of {listed}: they can change together without any effect on the responses; say "
+            f"how well a gain is known (fit.parameters: {{{priors}}} for 5 %), or fix {' and '.join(needed)} with "
+            "fixed: true, or an inertia that is known"
+        )
+
+
+def _without_scale(R: FloatArray) -> FloatArray:
+    """The part (n_x,) of each parameter in combinations without effect, of R (n, n_x) with columns of length one."""
+    _, values, Vt = np.linalg.svd(R, full_matrices=True)
+    effect = np.zeros(len(Vt))
+    effect[: len(values)] = values
+    # Rounding leaves about 1e-15.
+    return np.asarray(np.linalg.norm(Vt[effect <= 1e-10 * effect[0]], axis=0))

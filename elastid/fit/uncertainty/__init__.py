@@ -1,1 +1,0 @@
-"""Uncertainty of an estimate: covariance, jackknife, profile likelihood, bootstrap."""
