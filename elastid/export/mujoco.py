@@ -1,42 +1,206 @@
-r"""Export to MuJoCo: the fitted robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
-
-A flexible joint becomes two hinges (or slides) of one axis on one body, motor angle and twist of the gear, so that
-q_a = q_m + twist:
-
-.. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
-          + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
-
-Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
-an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
-"""
+"""MUJOCODOC"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.export.intervals import known_numbers
-from elastid.export.mujoco_loops import (
-    MIN_INERTIA,
-    Elements,
-    RodPose,
-    add_loops,
-    add_rod_springs,
-    number,
-    numbers,
-    quaternion,
-    rod_poses,
-    rod_positions,
-)
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
-from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
+from elastid.model.kinematics import frame_poses
+from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
 from elastid.store.files import text_file
+
+# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
+MIN_INERTIA = 1e-12
+
+
+def quaternion(R: FloatArray) -> FloatArray:
+    """(w, x, y, z) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, with w >= 0."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    K = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ]
+    )
+    q = np.linalg.eigh(K)[1][:, -1]
+    return q if q[0] >= 0 else -q
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Separated by blanks, in full."""
+    return " ".join(number(float(value)) for value in values)
+
+
+def number(value: float) -> str:
+    """In full."""
+    return repr(float(value))
+
+
+# Bodies that may be given an element for a joint: the element, and the body's axes in it.
+Elements = Mapping[str, tuple[ET.Element, Placement]]
+# kg, kg m^2: of the massless end of a rod and of its spin, which time steps need more of than the response.
+LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-4
+# A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
+_HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
+
+
+@dataclass(frozen=True)
+class RodPose:
+    """A rod in a posture: its direction (3,) in the axes of its first body, and its elongation."""
+
+    direction: FloatArray
+    elongation: float
+
+
+def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
+    """By loop, with the joints at q (n_l,)."""
+    return {loop.name: _pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
+
+
+def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
+    """Rods below their first bodies, sites at the ends, and the constraints.  start: poses in which rods are drawn."""
+    if not robot.loops:
+        return
+    equality = ET.SubElement(root, "equality")
+    for loop in robot.loops:
+        if loop.rod is not None:
+            _add_rod(equality, elements, loop, loop.rod, start[loop.name].direction)
+        else:
+            for i, shift in enumerate(_closed_points(loop)):
+                for end, by in enumerate(shift):
+                    _site(*elements[loop.ends[end].body], f"{loop.name} end {end + 1}{i}", loop.ends[end].point, by)
+                _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
+
+
+def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> dict[str, list[float]]:
+    """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
+    positions: dict[str, list[float]] = {}
+    for loop in robot.loops:
+        if loop.rod is None:
+            continue
+        drawn = _aligned(start[loop.name].direction)
+        turn = drawn.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ drawn
+        positions[f"turn {loop.name}"] = quaternion(turn).tolist()
+        if loop.rod.is_elastic:
+            s = now[loop.name].elongation
+            positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
+    return positions
+
+
+def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, direction: FloatArray) -> None:
+    """The rod along its x axis, on a ball joint at its first end."""
+    parent, mounted = elements[loop.ends[0].body]
+    R = mounted.rotation
+    seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)
+    pose = {"pos": numbers(seat), "quat": numbers(quaternion(R @ _aligned(direction)))}
+    body = ET.SubElement(parent, "body", {"name": f"rod {loop.name}"} | pose)
+    part = _part(rod)
+    moving = rod.mass * rod.center / part if part > 0 else 0.0
+    _point_mass(body, rod.mass - moving, 0.0)
+    ET.SubElement(body, "joint", name=f"turn {loop.name}", type="ball")
+    middle = ET.SubElement(body, "body", name=f"rod {loop.name} middle")
+    _point_mass(middle, moving, part * rod.length)
+    end = ET.SubElement(body, "body", name=f"rod {loop.name} end")
+    _point_mass(end, 0.0, rod.length)
+    if rod.is_elastic:
+        slide = {"type": "slide", "axis": "1 0 0"}
+        ET.SubElement(middle, "joint", {"name": f"part {loop.name}"} | slide)
+        ET.SubElement(end, "joint", {"name": f"stretch {loop.name}"} | slide)
+        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {part!r} 0 0 0"}
+        ET.SubElement(equality, "joint", {"name": f"{loop.name} stretch"} | coupled | _HARD)
+    ET.SubElement(end, "site", name=f"{loop.name} end 1", pos=numbers((rod.length, 0.0, 0.0)))
+    _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point, np.zeros(3))
+    _connect(equality, loop.name, f"{loop.name} end 1", f"{loop.name} end 2")
+
+
+def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
+    """The springs of elastic rods as tendons between their two bodies.
+
+    A spring in the rod's own slide would act on its massless end, and time steps do not take such a spring implicitly.
+    """
+    for loop in robot.loops:
+        if loop.rod is None or not loop.rod.is_elastic:
+            continue
+        _site(*elements[loop.ends[0].body], f"{loop.name} start", loop.ends[0].point, np.zeros(3))
+        tendons = root.find("tendon")
+        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+        spring = {"stiffness": loop.rod.stiffness or 0.0, "damping": loop.rod.damping, "springlength": loop.rod.length}
+        spatial = ET.SubElement(tendons, "spatial", {"name": loop.name} | {key: number(n) for key, n in spring.items()})
+        for site in (f"{loop.name} start", f"{loop.name} end 2"):
+            ET.SubElement(spatial, "site", site=site)
+
+
+def _part(rod: Rod) -> float:
+    """f, where the moving part of a rod's mass is; 1 where it has none."""
+    return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
+
+
+def _point_mass(body: ET.Element, mass: float, x: float) -> None:
+    """A mass at a distance along the rod; the engine refuses none at all."""
+    least, inertia = max(mass, LEAST_MASS), numbers([LEAST_INERTIA] * 3)
+    ET.SubElement(body, "inertial", pos=numbers((x, 0.0, 0.0)), mass=number(least), diaginertia=inertia)
+
+
+def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
+    """Of both ends, the shifts of the points that a loop without a rod joins: one, or two along the axis of a pin."""
+    points = [(np.zeros(3), np.zeros(3))]
+    if loop.pin is not None and not loop.pin.planar:
+        axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
+        # The axis of a pin is closed by two points 0.1 m apart.
+        points.append((0.1 * unit_axis(axes[0]), 0.1 * unit_axis(axes[1])))
+    return points
+
+
+def _site(element: ET.Element, mounted: Placement, name: str, point: tuple[float, ...], shift: FloatArray) -> None:
+    place = np.array(mounted.xyz) + mounted.rotation @ (np.array(point) + shift)
+    ET.SubElement(element, "site", name=name, pos=numbers(place))
+
+
+def _connect(equality: ET.Element, name: str, first: str, second: str) -> None:
+    ET.SubElement(equality, "connect", {"name": name, "site1": first, "site2": second} | _HARD)
+
+
+def _pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
+    (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
+    gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
+    length = float(np.linalg.norm(gap))
+    return RodPose(np.asarray(R.T @ gap / length), length - rod.length)
+
+
+def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
+    if body == BASE:
+        return np.eye(3), np.zeros(3)
+    poses = frame_poses(robot, q[None], body)
+    return np.asarray(poses.rotation[0]), np.asarray(poses.position[0])
+
+
+def _aligned(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) whose x axis is a direction."""
+    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    y = np.cross(across, direction)
+    y /= np.linalg.norm(y)
+    return np.stack([direction, y, np.cross(direction, y)], axis=1)
+
+
+def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The smallest rotation (3, 3) that takes one direction to another, less than half a turn (Rodrigues)."""
+    v, c = np.cross(first, second), float(first @ second)
+    V = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.asarray(np.eye(3) + V + V @ V / (1 + c))
+
 
 # Of a robot without loops.
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})

@@ -18,8 +18,8 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import DIRECTIONS, Condition, law_band, law_directions, units
-from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
+from elastid.report.figures.drawings import JOINT, friction_study_drawings
+from elastid.report.figures.friction import DIRECTIONS, Condition, law_band, law_directions, units
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
 from elastid.report.page.booklet import columns, heading, pages_of, twin_text, wrapped
 from elastid.report.page.explorer import curve_scripts

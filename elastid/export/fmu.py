@@ -1,0 +1,398 @@
+"""FMUDOC"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal, TypeAlias
+from xml.etree import ElementTree as ET
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.export.intervals import HELD, known_numbers
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.friction.law import CURVE
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.elastic import ElasticModel
+from elastid.simulation.baumgarte import projection
+from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
+from elastid.store.files import replacing
+
+Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
+Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A real variable: its value reference is its place in a list of all."""
+
+    name: str
+    causality: Causality
+    variability: Variability
+    text: str
+    start: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All real variables, and by name the place where each group begins."""
+
+    variables: tuple[Variable, ...]
+    places: dict[str, int]
+
+
+def layout(
+    model: FittedRobot, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
+) -> Layout:
+    """The variables of a robot that starts at rest in the first of its configurations."""
+    equations = model.model
+    motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
+    position = equations.B.T @ points[0].q
+    groups: dict[str, list[Variable]] = {
+        "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
+        "TORQUE": _of(motors, "torque", "input", "continuous", "link-side torque added to the feedback", points[0].u),
+        "POSITION": _of(motors, "reference", "input", "continuous", "angle that the controller aims at", position),
+        "VELOCITY": _of(motors, "reference_speed", "input", "continuous", "speed that the controller aims at"),
+        "ANGLE": _of(motors, "angle", "output", "continuous", "angle over its gear ratio"),
+        "SPEED": _of(motors, "speed", "output", "continuous", "speed over its gear ratio"),
+        "APPLIED": _of(motors, "applied", "output", "continuous", "torque with feedback, link side"),
+        "HOLDING": _of(motors, "holding", "output", "continuous", "torque that holds the posture of the start"),
+        "JOINT": _of([f"joint {name}" for name in joints], "angle", "output", "continuous", "angle"),
+        "THETA": _stiffnesses(model),
+        "FRICTION": _friction(contacts),
+        "KP": _of(motors, "kp", "parameter", "tunable", "feedback of its angle, N*m/rad of the link side"),
+        "KD": _of(motors, "kd", "parameter", "tunable", "feedback of its speed, N*m*s/rad of the link side"),
+        "KI": _of(motors, "ki", "parameter", "tunable", "integral of the feedback, 1/s"),
+        "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
+        "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
+    }
+    places, first = {}, 0
+    for name, members in groups.items():
+        places[name] = first
+        first += len(members)
+    return Layout(tuple(variable for members in groups.values() for variable in members), places)
+
+
+def _of(
+    motors: list[str] | tuple[str, ...],
+    name: str,
+    causality: Causality,
+    variability: Variability,
+    text: str,
+    start: FloatArray | None = None,
+) -> list[Variable]:
+    """A variable of each motor or joint."""
+    values = np.zeros(len(motors)) if start is None else start
+    return [
+        Variable(f"{name} of {motor}", causality, variability, f"{motor[0].upper()}{motor[1:]}: {text}", float(value))
+        for motor, value in zip(motors, values, strict=True)
+    ]
+
+
+def _stiffnesses(model: FittedRobot) -> list[Variable]:
+    """The parameters of the equations: stiffnesses, dampings, masses and so on, with what the fit knows of them."""
+    units = {name: unit for name, (_, unit) in model.robot.parameters().items()}
+    known = {number.name: number.words for number in known_numbers(model)}
+    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {known.get(name, HELD)}" for name in units}
+    return [
+        Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
+        for name, value in zip(model.model.parameters, model.model.theta, strict=True)
+    ]
+
+
+def _friction(contacts: Contacts) -> list[Variable]:
+    """The numbers of every friction law, link side."""
+    names = [f"{number} of friction at {law.place}" for law in contacts.laws for number in CURVE]
+    return [
+        Variable(name, "parameter", "tunable", f"{name}, link side, SI", float(value))
+        for name, value in zip(names, contacts.curves, strict=True)
+    ]
+
+
+IDENTIFIER = "robot"
+SOURCES = {2: ("fmi2.c", "robot.c", "equations.c"), 3: ("fmi3.c", "robot.c", "equations.c")}
+_CONFIGURATION = "posture of the start, from 1: "
+
+
+def description_2(name: str, guid: str, layout: Layout, configurations: tuple[str, ...], step_s: float) -> str:
+    """Of FMI 2.0."""
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=name, guid=guid, generationTool="elastid",
+        variableNamingConvention="flat", numberOfEventIndicators="0",
+    )  # fmt: skip
+    simulation = ET.SubElement(
+        root, "CoSimulation", modelIdentifier=IDENTIFIER, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate="true", canSerializeFMUstate="true",
+    )  # fmt: skip
+    files = ET.SubElement(simulation, "SourceFiles")
+    for source in SOURCES[2]:
+        ET.SubElement(files, "File", name=source)
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logStatusError")
+    _experiment(root, step_s)
+    variables = ET.SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(layout.variables):
+        scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
+        ET.SubElement(scalar, "Real", _start_of(variable))
+    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), configurations))
+    ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(configurations)))
+    structure = ET.SubElement(root, "ModelStructure")
+    for part in ("Outputs", "InitialUnknowns"):
+        section = ET.SubElement(structure, part)
+        for index, variable in enumerate(layout.variables, start=1):
+            if variable.causality == "output":
+                ET.SubElement(section, "Unknown", index=str(index))
+    return _text(root)
+
+
+def description_3(name: str, token: str, layout: Layout, configurations: tuple[str, ...], step_s: float) -> str:
+    """Of FMI 3.0."""
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="3.0", modelName=name, instantiationToken=token, generationTool="elastid",
+        variableNamingConvention="flat",
+    )  # fmt: skip
+    ET.SubElement(
+        root, "CoSimulation", modelIdentifier=IDENTIFIER, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true", canSerializeFMUState="true",
+    )  # fmt: skip
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logStatusError")
+    _experiment(root, step_s)
+    variables = ET.SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(layout.variables):
+        ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
+    limits = {"start": "1", "min": "1", "max": str(len(configurations))}
+    ET.SubElement(variables, "Int32", _configuration(len(layout.variables), configurations) | limits)
+    structure = ET.SubElement(root, "ModelStructure")
+    for part in ("Output", "InitialUnknown"):
+        for reference, variable in enumerate(layout.variables):
+            if variable.causality == "output":
+                ET.SubElement(structure, part, valueReference=str(reference))
+    return _text(root)
+
+
+def build_description() -> str:
+    """sources/buildDescription.xml of FMI 3.0."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
+    files = ET.SubElement(build, "SourceFileSet", language="C99")
+    for source in SOURCES[3]:
+        ET.SubElement(files, "SourceFile", name=source)
+    return _text(root)
+
+
+def _attributes(variable: Variable, reference: int) -> dict[str, str]:
+    return {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.text,
+        "causality": variable.causality,
+        "variability": variable.variability,
+    }
+
+
+def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
+    listed = ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
+    return {
+        "name": "configuration",
+        "valueReference": str(reference),
+        "description": _CONFIGURATION + listed,
+        "causality": "parameter",
+        "variability": "fixed",
+    }
+
+
+def _start_of(variable: Variable) -> dict[str, str]:
+    """Inputs and parameters have a start; outputs are computed."""
+    return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
+
+
+def _experiment(root: ET.Element, step_s: float) -> None:
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
+
+
+def _text(root: ET.Element) -> str:
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
+    """acceleration, bristles, readings and, with loops, closing; dense.
+
+    acceleration(q, v, z, u, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at constant v.
+    readings(q, v) -> angles and speeds of the motors, angles of the joints.  closing(q, v, theta) -> q, v on the loops.
+    """
+    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
+    theta, friction = ca.SX.sym("theta", len(model.theta)), ca.SX.sym("friction", len(contacts.curves))
+    step = ca.SX.sym("step")
+    B, n_l = ca.DM(model.B), len(model.robot.joints)
+    torque = B @ u - contacts.torque(v, z, friction)
+    accelerate = free_acceleration(model, theta=theta)
+    readings = [B.T @ q, B.T @ v, q[:n_l]]
+    built = [
+        _dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
+        _dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
+        _dense("readings", [q, v], readings),
+    ]
+    if model.n_c:
+        built.append(_dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
+    return tuple(built)
+
+
+def write_equations(folder: Path, functions: tuple[ca.Function, ...]) -> None:
+    """equations.c and equations.h."""
+    generator = ca.CodeGenerator("equations.c", {"with_header": True})
+    for function in functions:
+        generator.add(function)
+    generator.generate(f"{folder}/")
+
+
+def _dense(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
+    """A function whose results have no structural zeros."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
+
+
+COMPILERS = ("cc", "gcc", "clang")
+# Names of this system in both versions, and how its libraries end.
+_SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
+
+
+def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
+    sources, described = unit_sources(model)
+    compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
+    paths = []
+    for version in (2, 3):
+        content = {f"sources/{name}": text for name, text in sources.items() if name not in _other(version)}
+        content["modelDescription.xml"] = described[version]
+        if version == 3:
+            content["sources/buildDescription.xml"] = build_description()
+        path = folder / f"robot_fmi{version}.fmu"
+        library = None if compiler is None else compiled(compiler, sources, version)
+        _pack(path, content, {} if library is None else {_library_path(version): library})
+        paths.append(path)
+    return tuple(paths)
+
+
+def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
+    """The text of all sources by name, and the descriptions of both versions."""
+    equations_of = model.model
+    sliding = contacts(equations_of, frictions(model.robot))
+    points = tuple(equilibrium(equations_of, model.theta[:-1], linear.configuration) for linear in model.linear)
+    rate_hz = 1000.0  # of the controller, until it is set
+    fastest = max(fastest_rate(equations_of, sliding, point.q) for point in points)
+    step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
+    variables = layout(model, sliding, points, rate_hz, step_s)
+    functions = equations(equations_of, sliding)
+    sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in _OWN}
+    with tempfile.TemporaryDirectory() as temporary:
+        write_equations(Path(temporary), functions)
+        sources |= {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
+    sources["start.h"] = _start(variables, points)
+    sizes = _sizes(model, sliding.n_states, functions, variables, len(points))
+    token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
+    sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
+    names = tuple(point.configuration.name for point in points)
+    described = (model.name or model.robot.name, token, variables, names, 1 / rate_hz)
+    return sources, {2: description_2(*described), 3: description_3(*described)}
+
+
+def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
+    """The library for this system; StudyError with the compiler's words where it fails."""
+    with tempfile.TemporaryDirectory() as temporary:
+        for name, text in sources.items():
+            (Path(temporary) / name).write_text(text, encoding="utf-8", newline="\n")
+        library = Path(temporary) / f"{IDENTIFIER}.library"
+        command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", str(library)]
+        done = subprocess.run(
+            [*command, *SOURCES[version], "-lm"],
+            cwd=temporary,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+        )
+        if done.returncode:
+            raise StudyError(f"export to fmu: {compiler} cannot compile the unit: {done.stderr.strip()[:400]}")
+        return library.read_bytes()
+
+
+_OWN = ("robot.h", "robot.c", "fmi2.c", "fmi3.c")
+
+
+def _other(version: int) -> tuple[str, ...]:
+    """The sources that are of another version."""
+    return tuple(f"fmi{each}.c" for each in SOURCES if each != version)
+
+
+def _library_path(version: int) -> str:
+    """Where a unit of a version has the library of this system."""
+    system, suffix = _SYSTEMS[sys.platform]
+    if version == 2:
+        return f"binaries/{system}64/{IDENTIFIER}{suffix}"
+    machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
+    return f"binaries/{machine}-{'windows' if system == 'win' else system}/{IDENTIFIER}{suffix}"
+
+
+def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
+    """sizes.h without its last line."""
+    equations_of = model.model
+    numbers = {
+        "N_Q": equations_of.n_q,
+        "N_U": equations_of.n_u,
+        "N_L": len(equations_of.robot.joints),
+        "N_Z": n_z,
+        "N_POSTURES": postures,
+        "N_VALUES": len(variables.variables),
+        "HAS_LOOPS": int(equations_of.n_c > 0),
+        "N_ARG": max(function.sz_arg() for function in functions),
+        "N_RES": max(function.sz_res() for function in functions),
+        "N_IW": max(function.sz_iw() for function in functions),
+        "N_W": max(function.sz_w() for function in functions),
+        "OF_OUTPUTS": variables.places["ANGLE"],
+        **{f"OF_{name}": place for name, place in variables.places.items()},
+    }
+    lines = [f"#define {name} {number}" for name, number in numbers.items()]
+    lines.append('#define START_REFUSED "no such configuration, or a rate or step that is not positive"')
+    lines.append('#define LOST "the motion has left all bounds: take a smaller largest_step, or gentler inputs"')
+    return "\n".join(lines) + "\n"
+
+
+def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
+    """start.h: the values of all variables, and rest in every configuration."""
+    values = _row(variable.start for variable in variables.variables)
+    return (
+        f"static const double START_VALUES[N_VALUES] = {values};\n"
+        f"static const double START_POSTURES[N_POSTURES][N_Q] = {_table([point.q for point in points])};\n"
+        f"static const double START_TORQUES[N_POSTURES][N_U] = {_table([point.u for point in points])};\n"
+    )
+
+
+def _table(rows: Iterable[FloatArray]) -> str:
+    return "{" + ", ".join(_row(row.tolist()) for row in rows) + "}"
+
+
+def _row(values: Iterable[float]) -> str:
+    return "{" + ", ".join(repr(float(value)) for value in values) + "}"
+
+
+def _pack(path: Path, texts: Mapping[str, str], libraries: Mapping[str, bytes]) -> None:
+    """A zip file whose bytes depend on its content alone."""
+    entries = {name: text.encode("utf-8") for name, text in texts.items()} | dict(libraries)
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(entries):
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)
