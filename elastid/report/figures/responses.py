@@ -44,10 +44,8 @@ class PanelMatrix:
     def size(self) -> tuple[float, float]:
         """Of the canvas."""
         width, height = self.panel
-        return (
-            LEFT + self.columns * (width + GAP_X) - GAP_X + RIGHT,
-            TOP + self.rows * (height + GAP_Y) - GAP_Y + BOTTOM,
-        )
+        across, down = self.columns * (width + GAP_X) - GAP_X, self.rows * (height + GAP_Y) - GAP_Y
+        return LEFT + across + RIGHT, TOP + down + BOTTOM
 
     @property
     def corners(self) -> tuple[FloatArray, FloatArray]:
@@ -229,15 +227,14 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
     """
     f = measured.freq_hz
     s_measured = np.asarray(np.linalg.svd(measured.G, compute_uv=False), float)
-    s_modelled = None if modelled is None else np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float)
-    lines = f if modelled is None else modelled.freq_hz
     noise = np.linalg.norm(sigma_of(measured)[0], axis=(1, 2))
     above = s_measured >= 2 * noise[:, None]
     figure, ((axes,),) = style.panels(1, 1, (7.5, 4.0))
     for k in range(s_measured.shape[1]):
         style.plot_points(axes, f, style.in_db(s_measured[:, k]), above[:, k])
-        if s_modelled is not None:
-            axes.plot(lines, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+    if modelled is not None:
+        s_modelled = style.in_db(np.linalg.svd(modelled.G, compute_uv=False))
+        axes.plot(modelled.freq_hz, s_modelled, color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
     style.lighten(axes)
@@ -301,8 +298,7 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
             style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
             style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
             if modelled is not None:
-                spread = None if std is None else std[:, i, j]
-                _draw_model(magnitude, phase, modelled.freq_hz, modelled.G[:, i, j], spread)
+                _draw_model(magnitude, phase, modelled, i, j, std)
             _label(magnitude, phase, measured, i, j)
     style.set_log_frequency(panels[0, 0], measured.freq_hz)
     style.label_figure(figure, style.frequency_label(measured.rate_is_known))
@@ -311,22 +307,23 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
     return figure
 
 
-def _draw_model(magnitude: Axes, phase: Axes, freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None) -> None:
+def _draw_model(
+    magnitude: Axes, phase: Axes, modelled: FrequencyResponse, i: int, j: int, std: FloatArray | None
+) -> None:
+    f, G = modelled.freq_hz, modelled.G[:, i, j]
     if std is not None:
-        magnitude.fill_between(
-            freq_hz, *_band_db(G, std), color=style.FITTED, alpha=0.25, lw=0, label="2 std of the model"
-        )
-    magnitude.plot(freq_hz, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
-    degrees = np.degrees(np.angle(G))
-    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
-    phase.plot(np.insert(freq_hz, wraps, np.nan), np.insert(degrees, wraps, np.nan), color=style.FITTED, lw=1.1)
+        looks = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
+        magnitude.fill_between(f, *_band_db(G, std[:, i, j]), **looks)
+    magnitude.plot(f, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
+    lines, degrees = _unwrapped(modelled)
+    phase.plot(lines, degrees[:, i, j], color=style.FITTED, lw=1.1)
 
 
 def _label(magnitude: Axes, phase: Axes, measured: FrequencyResponse, i: int, j: int) -> None:
     phase.set_ylim(-190, 190)
     phase.yaxis.set_major_locator(MultipleLocator(90))
-    style.lighten(magnitude)
-    style.lighten(phase)
+    for axes in (magnitude, phase):
+        style.lighten(axes)
     if i == 0:
         style.label(magnitude, title=f"by {measured.inputs[j]}")
     if j == 0:
@@ -344,8 +341,7 @@ def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
     n_y = len(response.outputs)
     columns = min(n_y, 3)
     figure, panels = _quality_panels(-(-n_y // columns), columns, 2.3)
-    for i, output in enumerate(response.outputs):
-        axes = panels.flat[i]
+    for i, (output, axes) in enumerate(zip(response.outputs, panels.flat, strict=False)):
         _plot_levels(axes, response, quality, i)
         style.label(axes, title=f"{response.quantity} at {output}")
     for spare in panels.flat[n_y:]:
