@@ -13,7 +13,7 @@ from pathlib import Path
 import casadi as ca
 
 from elastid.base.escape import c_comment, one_line
-from elastid.export.intervals import interval_lines
+from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.store.files import replacing, text_file
 

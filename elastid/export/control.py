@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.escape import docstring
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store.files import replacing, text_file

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import csv_cell, file_name
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes

@@ -1,4 +1,14 @@
-"""FMUDOC"""
+r"""A fitted robot as functional mock-up units for co-simulation, FMI 2.0 and 3.0, with its equations in C.
+
+The whole nonlinear robot with its friction, integrated by Runge-Kutta steps of its own, torque as input and beside it
+a sampled controller whose gains are 0 until they are set:
+
+.. math:: u_k = u_{in} + k_p (q_{ref} - q_k) + k_d (\dot q_{ref} - (q_k - q_{k-1}) / T_s) + k_i T_s \sum e
+
+The stiffnesses, masses and friction numbers are tunable by their names; all torques and angles are on the link side.
+Encoders and drives are ideal, and the delay of the measurement is left out. The sources are inside, so that a unit can
+be built for any system; a library for this one is inside where a C compiler was found.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.export.intervals import HELD, known_numbers
+from elastid.export.numbers import HELD, c_row, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.law import CURVE
 from elastid.friction.robot_friction import frictions
@@ -123,65 +133,60 @@ def _friction(contacts: Contacts) -> list[Variable]:
 
 
 IDENTIFIER = "robot"
+OWN = ("robot.h", "robot.c", "fmi2.c", "fmi3.c")
 SOURCES = {2: ("fmi2.c", "robot.c", "equations.c"), 3: ("fmi3.c", "robot.c", "equations.c")}
-_CONFIGURATION = "posture of the start, from 1: "
 
 
-def description_2(name: str, guid: str, layout: Layout, configurations: tuple[str, ...], step_s: float) -> str:
-    """Of FMI 2.0."""
-    root = ET.Element(
-        "fmiModelDescription", fmiVersion="2.0", modelName=name, guid=guid, generationTool="elastid",
-        variableNamingConvention="flat", numberOfEventIndicators="0",
-    )  # fmt: skip
-    simulation = ET.SubElement(
-        root, "CoSimulation", modelIdentifier=IDENTIFIER, canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true", canSerializeFMUstate="true",
-    )  # fmt: skip
-    files = ET.SubElement(simulation, "SourceFiles")
-    for source in SOURCES[2]:
-        ET.SubElement(files, "File", name=source)
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name="logStatusError")
-    _experiment(root, step_s)
+def description(
+    version: int, name: str, token: str, layout: Layout, configurations: tuple[str, ...], step_s: float
+) -> str:
+    """modelDescription.xml of FMI 2.0 or 3.0."""
+    is_2, state = version == 2, "FMUstate" if version == 2 else "FMUState"
+    head = {"fmiVersion": f"{version}.0", "modelName": name, "guid" if is_2 else "instantiationToken": token}
+    head |= {"generationTool": "elastid", "variableNamingConvention": "flat"}
+    root = ET.Element("fmiModelDescription", head | ({"numberOfEventIndicators": "0"} if is_2 else {}))
+    can = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
+    simulation = ET.SubElement(root, "CoSimulation", {"modelIdentifier": IDENTIFIER} | dict.fromkeys(can, "true"))
+    if is_2:
+        files = ET.SubElement(simulation, "SourceFiles")
+        for source in SOURCES[2]:
+            ET.SubElement(files, "File", name=source)
+    ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name="logStatusError")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(layout.variables):
+    structure = ET.SubElement(root, "ModelStructure")
+    (_describe_2 if is_2 else _describe_3)(variables, structure, layout.variables, configurations)
+    return _text(root)
+
+
+def _describe_2(
+    variables: ET.Element, structure: ET.Element, every: tuple[Variable, ...], configurations: tuple[str, ...]
+) -> None:
+    """Variables with their types below them, and unknowns by their places from 1 on."""
+    for reference, variable in enumerate(every):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
-    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), configurations))
+    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(every), configurations))
     ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(configurations)))
-    structure = ET.SubElement(root, "ModelStructure")
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
-        for index, variable in enumerate(layout.variables, start=1):
+        for index, variable in enumerate(every, start=1):
             if variable.causality == "output":
                 ET.SubElement(section, "Unknown", index=str(index))
-    return _text(root)
 
 
-def description_3(name: str, token: str, layout: Layout, configurations: tuple[str, ...], step_s: float) -> str:
-    """Of FMI 3.0."""
-    root = ET.Element(
-        "fmiModelDescription", fmiVersion="3.0", modelName=name, instantiationToken=token, generationTool="elastid",
-        variableNamingConvention="flat",
-    )  # fmt: skip
-    ET.SubElement(
-        root, "CoSimulation", modelIdentifier=IDENTIFIER, canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true", canSerializeFMUState="true",
-    )  # fmt: skip
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name="logStatusError")
-    _experiment(root, step_s)
-    variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(layout.variables):
+def _describe_3(
+    variables: ET.Element, structure: ET.Element, every: tuple[Variable, ...], configurations: tuple[str, ...]
+) -> None:
+    """Variables by their types, and unknowns by their value references."""
+    for reference, variable in enumerate(every):
         ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
     limits = {"start": "1", "min": "1", "max": str(len(configurations))}
-    ET.SubElement(variables, "Int32", _configuration(len(layout.variables), configurations) | limits)
-    structure = ET.SubElement(root, "ModelStructure")
+    ET.SubElement(variables, "Int32", _configuration(len(every), configurations) | limits)
     for part in ("Output", "InitialUnknown"):
-        for reference, variable in enumerate(layout.variables):
+        for reference, variable in enumerate(every):
             if variable.causality == "output":
                 ET.SubElement(structure, part, valueReference=str(reference))
-    return _text(root)
 
 
 def build_description() -> str:
@@ -195,33 +200,19 @@ def build_description() -> str:
 
 
 def _attributes(variable: Variable, reference: int) -> dict[str, str]:
-    return {
-        "name": variable.name,
-        "valueReference": str(reference),
-        "description": variable.text,
-        "causality": variable.causality,
-        "variability": variable.variability,
-    }
+    attributes = {"name": variable.name, "valueReference": str(reference), "description": variable.text}
+    return attributes | {"causality": variable.causality, "variability": variable.variability}
 
 
 def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
     listed = ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
-    return {
-        "name": "configuration",
-        "valueReference": str(reference),
-        "description": _CONFIGURATION + listed,
-        "causality": "parameter",
-        "variability": "fixed",
-    }
+    text = f"posture of the start, from 1: {listed}"
+    return _attributes(Variable("configuration", "parameter", "fixed", text, 1.0), reference)
 
 
 def _start_of(variable: Variable) -> dict[str, str]:
     """Inputs and parameters have a start; outputs are computed."""
     return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
-
-
-def _experiment(root: ET.Element, step_s: float) -> None:
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
 
 
 def _text(root: ET.Element) -> str:
@@ -242,11 +233,10 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     B, n_l = ca.DM(model.B), len(model.robot.joints)
     torque = B @ u - contacts.torque(v, z, friction)
     accelerate = free_acceleration(model, theta=theta)
-    readings = [B.T @ q, B.T @ v, q[:n_l]]
     built = [
         _dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
         _dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
-        _dense("readings", [q, v], readings),
+        _dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l]]),
     ]
     if model.n_c:
         built.append(_dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
@@ -275,17 +265,16 @@ def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     sources, described = unit_sources(model)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
-    paths = []
-    for version in (2, 3):
-        content = {f"sources/{name}": text for name, text in sources.items() if name not in _other(version)}
+    paths = tuple(folder / f"robot_fmi{version}.fmu" for version in (2, 3))
+    for version, path in zip((2, 3), paths, strict=True):
+        other = "fmi3.c" if version == 2 else "fmi2.c"
+        content = {f"sources/{name}": text for name, text in sources.items() if name != other}
         content["modelDescription.xml"] = described[version]
         if version == 3:
             content["sources/buildDescription.xml"] = build_description()
-        path = folder / f"robot_fmi{version}.fmu"
         library = None if compiler is None else compiled(compiler, sources, version)
         _pack(path, content, {} if library is None else {_library_path(version): library})
-        paths.append(path)
-    return tuple(paths)
+    return paths
 
 
 def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
@@ -298,7 +287,7 @@ def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
     variables = layout(model, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)
-    sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in _OWN}
+    sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in OWN}
     with tempfile.TemporaryDirectory() as temporary:
         write_equations(Path(temporary), functions)
         sources |= {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
@@ -308,7 +297,7 @@ def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
     names = tuple(point.configuration.name for point in points)
     described = (model.name or model.robot.name, token, variables, names, 1 / rate_hz)
-    return sources, {2: description_2(*described), 3: description_3(*described)}
+    return sources, {version: description(version, *described) for version in (2, 3)}
 
 
 def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
@@ -318,25 +307,11 @@ def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
             (Path(temporary) / name).write_text(text, encoding="utf-8", newline="\n")
         library = Path(temporary) / f"{IDENTIFIER}.library"
         command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", str(library)]
-        done = subprocess.run(
-            [*command, *SOURCES[version], "-lm"],
-            cwd=temporary,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            check=False,
-        )
+        command += [*SOURCES[version], "-lm"]
+        done = subprocess.run(command, cwd=temporary, capture_output=True, encoding="utf-8", errors="replace")
         if done.returncode:
             raise StudyError(f"export to fmu: {compiler} cannot compile the unit: {done.stderr.strip()[:400]}")
         return library.read_bytes()
-
-
-_OWN = ("robot.h", "robot.c", "fmi2.c", "fmi3.c")
-
-
-def _other(version: int) -> tuple[str, ...]:
-    """The sources that are of another version."""
-    return tuple(f"fmi{each}.c" for each in SOURCES if each != version)
 
 
 def _library_path(version: int) -> str:
@@ -359,10 +334,7 @@ def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], var
         "N_POSTURES": postures,
         "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(equations_of.n_c > 0),
-        "N_ARG": max(function.sz_arg() for function in functions),
-        "N_RES": max(function.sz_res() for function in functions),
-        "N_IW": max(function.sz_iw() for function in functions),
-        "N_W": max(function.sz_w() for function in functions),
+        **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
         "OF_OUTPUTS": variables.places["ANGLE"],
         **{f"OF_{name}": place for name, place in variables.places.items()},
     }
@@ -374,7 +346,7 @@ def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], var
 
 def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
     """start.h: the values of all variables, and rest in every configuration."""
-    values = _row(variable.start for variable in variables.variables)
+    values = c_row(variable.start for variable in variables.variables)
     return (
         f"static const double START_VALUES[N_VALUES] = {values};\n"
         f"static const double START_POSTURES[N_POSTURES][N_Q] = {_table([point.q for point in points])};\n"
@@ -383,11 +355,7 @@ def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
 
 
 def _table(rows: Iterable[FloatArray]) -> str:
-    return "{" + ", ".join(_row(row.tolist()) for row in rows) + "}"
-
-
-def _row(values: Iterable[float]) -> str:
-    return "{" + ", ".join(repr(float(value)) for value in values) + "}"
+    return "{" + ", ".join(map(c_row, rows)) + "}"
 
 
 def _pack(path: Path, texts: Mapping[str, str], libraries: Mapping[str, bytes]) -> None:

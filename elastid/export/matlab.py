@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import one_line
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse

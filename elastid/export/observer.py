@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
+from elastid.export.numbers import c_row
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store.files import text_file
 
@@ -66,8 +67,8 @@ def _functions(name: str, observer: Observer, step: ca.Function) -> str:
     moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{n * n}], double angle, double load) {{
-  static const double x_start[{n}] = {_row(start.x.tolist())};
-  static const double P_start[{n * n}] = {_row(start.P.ravel().tolist())};
+  static const double x_start[{n}] = {c_row(start.x)};
+  static const double P_start[{n * n}] = {c_row(start.P.ravel())};
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
   for (int i = 0; i < {n * n}; i++) P[i] = P_start[i];
   (void)load;
@@ -118,7 +119,3 @@ def _starts(joint: FollowedJoint) -> str:
             low, high = ends if state == "offset" else np.exp(ends)
             bands.append(f"{state} {low:.4g} to {high:.4g}")
     return ", ".join(bands)
-
-
-def _row(values: list[float]) -> str:
-    return "{" + ", ".join(repr(value) for value in values) + "}"
