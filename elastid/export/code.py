@@ -48,13 +48,11 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
-    paths = []
-    for function in functions(model):
-        path = folder / f"{function.name()}.casadi"
+    built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
+    for path, function in built.items():
         with replacing(path) as temporary:
             function.save(str(temporary))
-        paths.append(path)
-    return (*paths, _coordinates(folder, model))
+    return (*built, _coordinates(folder, model))
 
 
 def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -77,14 +75,13 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def _prefixed(function: ca.Function) -> ca.Function:
-    """A function as robot_<name>, its results dense."""
     dense = [ca.densify(part) for part in function.call(function.sx_in())]
     name = f"robot_{function.name()}"
     return ca.Function(name, function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True})
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
-    """The head of robot.h: what each function takes and gives, and what its entries are."""
+    """The head of robot.h: arguments and results of each function, and their entries."""
     units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
     lines = [f"{_equation(model)}, on the link side.", ""]
     for function in prefixed:
@@ -99,7 +96,6 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
 
 
 def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
-    """Name and size of an argument or result."""
     name, size = (function.name_in(i), function.size_in(i)) if is_in else (function.name_out(i), function.size_out(i))
     return f"{name} ({size[0]}{f' x {size[1]}' if size[1] > 1 else ''})"
 
@@ -110,7 +106,7 @@ def _equation(model: FittedRobot) -> str:
 
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
-    """coordinates.txt: the names of the entries of q and u, and what the fit knows of the numbers inside."""
+    """coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
     path = folder / "coordinates.txt"
     with text_file(path) as file:
         file.write(f"{one_line(_equation(model))}, link side, SI\n")
