@@ -76,7 +76,6 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
 
 
 def __dir__() -> list[str]:
-    """The functions alone."""
     return __all__
 
 

@@ -127,7 +127,6 @@ def _measured(G: FrequencyResponse) -> dict[str, np.ndarray]:
 def _written(
     data: Path, arrays: dict[str, np.ndarray], loader: Path, text: str, name: str, first: FrequencyResponse
 ) -> tuple[Path, Path]:
-    """Arrays, and the script that loads them; its example is of the first response."""
     with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))

@@ -104,7 +104,6 @@ def _of(
     text: str,
     start: FloatArray | None = None,
 ) -> list[Variable]:
-    """A variable of each motor or joint."""
     values = np.zeros(len(motors)) if start is None else start
     return [
         Variable(f"{name} of {motor}", causality, variability, f"{motor[0].upper()}{motor[1:]}: {text}", float(value))
@@ -124,7 +123,6 @@ def _stiffnesses(model: FittedRobot) -> list[Variable]:
 
 
 def _friction(contacts: Contacts) -> list[Variable]:
-    """The numbers of every friction law, link side."""
     names = [f"{number} of friction at {law.place}" for law in contacts.laws for number in CURVE]
     return [
         Variable(name, "parameter", "tunable", f"{name}, link side, SI", float(value))
@@ -252,7 +250,6 @@ def write_equations(folder: Path, functions: tuple[ca.Function, ...]) -> None:
 
 
 def _dense(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
-    """A function whose results have no structural zeros."""
     return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
 
 
@@ -315,7 +312,6 @@ def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
 
 
 def _library_path(version: int) -> str:
-    """Where a unit of a version has the library of this system."""
     system, suffix = _SYSTEMS[sys.platform]
     if version == 2:
         return f"binaries/{system}64/{IDENTIFIER}{suffix}"
@@ -324,7 +320,6 @@ def _library_path(version: int) -> str:
 
 
 def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
-    """sizes.h without its last line."""
     equations_of = model.model
     numbers = {
         "N_Q": equations_of.n_q,
@@ -345,7 +340,6 @@ def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], var
 
 
 def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
-    """start.h: the values of all variables, and rest in every configuration."""
     values = c_row(variable.start for variable in variables.variables)
     return (
         f"static const double START_VALUES[N_VALUES] = {values};\n"

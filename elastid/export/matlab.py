@@ -106,7 +106,6 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Frequenc
 def _written(
     data: Path, content: dict[str, list[dict[str, Any]]], script: Path, text: str, name: str, first: FrequencyResponse
 ) -> tuple[Path, Path]:
-    """Struct arrays, and the script that loads them."""
     written = io.BytesIO()
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
     with replacing(data) as temporary:
@@ -153,7 +152,6 @@ def _response(G: Any, measured: FrequencyResponse, variance: FloatArray | None) 
 
 
 def _structs(rows: list[dict[str, Any]]) -> Any:
-    """A MATLAB struct array: a structured array with one field a key."""
     array = np.empty((len(rows), 1), dtype=[(key, object) for key in rows[0]])
     for i, row in enumerate(rows):
         array[i, 0] = tuple(row.values())

@@ -82,7 +82,6 @@ def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
 
 
 def _check(robot: Robot) -> None:
-    """StudyError where the robot has a part that MJCF cannot represent."""
     instead = "export to casadi or c instead"
     nonlinear = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
     nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
@@ -129,7 +128,6 @@ def _bodies(world: ET.Element, robot: Robot) -> Elements:
 
 
 def _seat(first: Placement, second: Placement) -> dict[str, str]:
-    """One placement behind another, as MJCF writes it."""
     R = first.rotation
     position = np.array(first.xyz) + R @ second.xyz
     return {"pos": in_full(position), "quat": in_full(quaternion(R @ second.rotation))}
@@ -188,7 +186,6 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
 
 
 def _intervals(root: ET.Element, model: FittedRobot) -> None:
-    """The numbers of the fit with their intervals as custom arrays, which move nothing."""
     custom = ET.SubElement(root, "custom")
     legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
     ET.SubElement(custom, "text", name="numeric", data=legend)
@@ -212,7 +209,6 @@ def _keyframes(
 
 
 def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
-    """Positions of the joints of the bodies by their names in the file."""
     angles = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
     positions: dict[str, list[float]] = {}
     for joint in model.robot.joints:
@@ -269,7 +265,6 @@ def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robo
 
 
 def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, direction: FloatArray) -> None:
-    """A rod along its x axis, on a ball joint at its first end."""
     parent, mounted = elements[loop.ends[0].body]
     R = mounted.rotation
     seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)

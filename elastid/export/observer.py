@@ -59,7 +59,6 @@ def _step(name: str, observer: Observer) -> ca.Function:
 
 
 def _functions(name: str, observer: Observer, step: ca.Function) -> str:
-    """The C functions of a joint around its step."""
     start = first_estimate(observer.joint, 0.0)
     n = len(start.x)
     angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
@@ -88,7 +87,6 @@ void {name}_follow(double x[{n}], double P[{n * n}], double torque, double load,
 
 
 def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -> str:
-    """observer.h, with the states of each joint."""
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
@@ -110,7 +108,6 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
 
 
 def _starts(joint: FollowedJoint) -> str:
-    """The followed numbers before the first sample, with their bands."""
     start, bands = first_estimate(joint, 0.0), []
     std = np.sqrt(np.diag(start.P))
     for i, state in enumerate(joint.states):

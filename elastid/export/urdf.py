@@ -119,7 +119,6 @@ def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: s
 
 
 def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
-    """Mass and inertia in the axes of the body."""
     element = ET.SubElement(link, "inertial")
     _pose(element, pose @ _shift(np.array(body.center_of_mass, dtype=float)))
     ET.SubElement(element, "mass", value=repr(float(body.mass)))
@@ -136,7 +135,6 @@ def _pose(element: ET.Element, pose: FloatArray) -> None:
 
 
 def _matrix(placement: Placement) -> FloatArray:
-    """A placement as a homogeneous matrix (4, 4)."""
     pose = _shift(np.array(placement.xyz, dtype=float))
     pose[:3, :3] = placement.rotation
     return pose
@@ -149,7 +147,6 @@ def _shift(by: FloatArray) -> FloatArray:
 
 
 def _left_out(robot: Robot) -> str:
-    """The parts of the model that the file does not carry."""
     springs = [joint.name for joint in robot.joints if joint.spring is not None]
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []

@@ -103,7 +103,6 @@ class ModeRow:
     drawing: ModeDrawing | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         n_m = len(self.frequency_hz)
         for names, values in ((self.coordinates, self.shapes), (self.stores, self.energy)):
             if names and values.shape != (len(names), n_m):

@@ -101,7 +101,6 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    """Responses, replay, modes and quality of the measurement, configuration by configuration."""
     mode_rows = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
     replays = {replay.configuration: replay for replay in content.validation.replays}
     left_out = {agreement.configuration for agreement in content.validation.left_out}
@@ -257,7 +256,6 @@ def _of_filter(followed: FollowedFriction) -> Named:
 
 
 def _of_records(joint: JointFriction) -> Iterator[Named]:
-    """A pass, a motion and loops."""
     if joint.levels is not None and joint.example is not None:
         caption = (
             "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "

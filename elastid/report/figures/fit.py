@@ -113,7 +113,6 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
 
 
 def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
-    """Two axes with one row for each parameter, the first on top."""
     size = 9.0, 0.26 * len(rows) + 1.7
     left = min(3.15, 0.35 + 0.075 * max(len(row.name) for row in rows))
     figure, ((ratio, percent),) = style.panels(1, 2, size, (left, 0.22, 0.85, 0.6), (0.06, 0.0), sharey=True)

@@ -110,7 +110,6 @@ def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known:
 
 
 def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list[str]:
-    """Frequency, damping ratio and energies of a mode, in lines of so many inches."""
     frequency = f"{number(row.frequency_hz[mode])} {style.frequency_unit(rate_is_known)}"
     first = f"mode {mode + 1}: {frequency}, {number(100 * row.damping_ratio[mode], 2)} %"
     # No line break within a share.
@@ -163,7 +162,6 @@ def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> N
 
 
 def _draw_axes(axes: Axes, panel: Panel) -> None:
-    """A thin grid with numbers, and the names of the axes."""
     (left, bottom), (wide, high) = panel.corner, panel.size
     grid = []
 

@@ -189,7 +189,6 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 
 
 def _draw_bands(axes: Axes, balance: TorqueBalance) -> None:
-    """Bars side by side for each octave, on a logarithmic axis."""
     bands = balance.bands
     x, names = np.arange(len(bands)), [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in bands]
     for offset, values, color, name in (

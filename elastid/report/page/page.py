@@ -35,13 +35,7 @@ from elastid.report.figures.drawings import (
 )
 from elastid.report.figures.responses import configuration_title
 from elastid.report.figures.style import own_style
-from elastid.report.page.booklet import (
-    PDF_METADATA,
-    bound,
-    front_pages,
-    front_pages_of_responses,
-    missing_glyphs_allowed,
-)
+from elastid.report.page import booklet
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
@@ -73,7 +67,7 @@ def write_report(
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    page, front = partial(html, content), front_pages(content)
+    page, front = partial(html, content), booklet.front_pages(content)
     return write_page(content.title, page, drawings(content), front, folder, formats, execution)
 
 
@@ -99,14 +93,13 @@ def write_page(
     write = partial(_written, figures, tuple(formats))
     embedded = (execution or Execution()).ordered(write, todo)
     if "pdf" in formats:
-        write_whole(paper, bound(title, front, todo))
+        write_whole(paper, booklet.bound(title, front, todo))
     write_whole(folder / name, page(within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
     return folder / name
 
 
 @own_style()
 def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
-    """The files of a figure, and what the page has of it."""
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
         figure = drawing.draw()
     png = rendered(figure, "png") if drawing.on_page or "png" in formats else b""
@@ -194,9 +187,9 @@ def render(
 def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     """The figure as the bytes of a file."""
     buffer = io.BytesIO()
-    with missing_glyphs_allowed():
+    with booklet.missing_glyphs_allowed():
         if kind == "pdf":
-            figure.savefig(buffer, format=kind, metadata=PDF_METADATA)
+            figure.savefig(buffer, format=kind, metadata=booklet.PDF_METADATA)
             return buffer.getvalue()
         figure.savefig(buffer, format="rgba", dpi=DPI)
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
@@ -228,7 +221,7 @@ def write_page_of_responses(
     content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    page, front = partial(html_of_responses, content), front_pages_of_responses(content)
+    page, front = partial(html_of_responses, content), booklet.front_pages_of_responses(content)
     return write_page(content.title, page, _response_drawings(content), front, folder, formats, execution)
 
 

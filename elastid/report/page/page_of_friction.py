@@ -159,7 +159,6 @@ def _of_load(name: str) -> tuple[str, str]:
 
 
 def _text(content: FrictionContent) -> Iterator[str]:
-    """The page without its figures, on paper."""
     yield from heading(content.title, content.notes)
     for sentence in content.answers:
         yield from wrapped(sentence)
