@@ -39,8 +39,9 @@ def multistart_costs(result: FitResult) -> Figure:
     style.set_plain_ticks(axes.xaxis, rank[:: math.ceil(len(rank) / 10)].tolist())
     axes.set_xlim(0.3, len(cost) + 0.7)
     style.label(axes, x="start, sorted by cost", y="cost V")
-    style.finish(figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,))
-    return figure
+    return style.finish(
+        figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,)
+    )
 
 
 def identifiability(result: FitResult) -> Figure:
@@ -65,9 +66,7 @@ def identifiability(result: FitResult) -> Figure:
     style.set_plain_ticks(values.xaxis, list(range(1, len(s) + 1, math.ceil(len(s) / 10))))
     condition = s[0] / s[-1] if s[-1] > 0 else math.inf
     style.label(values, x="number", title=f"singular values, condition {condition:.3g}")
-    style.lighten(values)
-    style.add_title(figure, "How well the data determine the parameters")
-    return figure
+    return style.finish(figure, "How well the data determine the parameters", (values,))
 
 
 def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: float) -> None:
@@ -108,8 +107,7 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     deviations = 100 * np.sign(reference)[:, None] * (ratios - 1)  # more is to the right
     _draw(percent, deviations, at_bound)
     _percent_axis(percent, deviations)
-    style.add_legend(figure, (ratio, percent))
-    return figure
+    return style.finish(figure, "Parameters", (), (ratio, percent))
 
 
 def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
@@ -122,7 +120,6 @@ def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
     to = "truth" if all(known) else "truth (estimate where none is known)" if any(known) else "estimate"
     style.label(ratio, x=f"ratio to the {to}")
     style.label(percent, x=f"deviation from the {to} in %")
-    style.add_title(figure, "Parameters")
     return figure, ratio, percent
 
 
@@ -188,6 +185,4 @@ def modification_shares(result: FitResult) -> Figure:
     style.set_names(axes.yaxis, [index.name for index in alone])
     axes.set_xlim(0, 100)
     style.label(axes, x="share of the excess of V, %")
-    style.lighten(axes)
-    style.add_title(figure, "What would explain the residuals beyond the noise")
-    return figure
+    return style.finish(figure, "What would explain the residuals beyond the noise", (axes,))

@@ -94,8 +94,7 @@ def friction_curve(law: StaticLaw) -> Figure:
     speed, torque = units(levels.slides)
     style.label(curve, y=f"{quantity(levels.slides)} in {torque}")
     style.label(left, f"speed in {speed}", "(level − law) / std")
-    style.finish(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip(), panels, [curve])
-    return figure
+    return style.finish(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip(), panels, [curve])
 
 
 def quantity(slides: bool) -> str:
@@ -181,8 +180,7 @@ def friction_conditions(law: StaticLaw) -> Figure:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         style.label(axes, names[kind], f"{quantity(law.levels.slides)} in {torque}", typical.text(law, but=kind))
     title = f"{law.levels.place}: friction over {' and '.join(kinds)}, by speed in {speed}"
-    style.finish(figure, title, panels[0], panels[0])
-    return figure
+    return style.finish(figure, title, panels[0], panels[0])
 
 
 def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color: str) -> None:
@@ -240,8 +238,7 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
             drawn.append(curve)
         _draw_unexplained(levels, friction, i)
         drawn.append(levels)
-    style.finish(figure, "Friction taken out of the responses", drawn, drawn)
-    return figure
+    return style.finish(figure, "Friction taken out of the responses", drawn, drawn)
 
 
 def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:

@@ -52,8 +52,7 @@ def friction_pass(pair: Sequence[Pass], regressed: PassLevels) -> Figure:
     style.label(shown, y=f"parts in {torque}")
     style.label(left, "position in m" if pair[0].slides else "angle in °", f"left in {torque}")
     mean = float(np.mean([np.abs(run.velocity).mean() for run in pair]))
-    style.finish(figure, f"{pair[0].place}: a pass there and back at {mean:.3g} {speed}", panels, panels, 0.02)
-    return figure
+    return style.finish(figure, f"{pair[0].place}: a pass there and back at {mean:.3g} {speed}", panels, panels, 0.02)
 
 
 def parts_of(pair: Sequence[Pass], regressed: PassLevels) -> list[dict[str, FloatArray]]:
@@ -124,8 +123,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
     )
     style.label(over_time, "time in s", f"{quantity(slides)} in {torque}")
     error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
-    style.finish(figure, f"{friction.motion.place}: friction over velocity, {error}", panels, panels, 0.01)
-    return figure
+    return style.finish(figure, f"{friction.motion.place}: friction over velocity, {error}", panels, panels, 0.01)
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,8 +172,7 @@ def friction_loops(loops: Loops, presliding: Presliding, slides: bool = False) -
     style.label(spectrum, f"threshold D in {length}", f"k D in {torque}", "spectrum")
     _draw_errors(errors, presliding)
     break_away = f"{presliding.spectrum.break_away:.3g} {torque}"
-    style.finish(figure, f"{loops.place}: presliding, elements of {break_away} in all", panels, panels)
-    return figure
+    return style.finish(figure, f"{loops.place}: presliding, elements of {break_away} in all", panels, panels)
 
 
 def _draw_loops(axes: Axes, loops: Loops, presliding: Presliding) -> None:
@@ -220,8 +217,7 @@ def friction_at_rest(place: str, at_rest: AtRest, slides: bool = False) -> Figur
     style.label(spring, f"amplitude in {torque}", f"stiffness σ₀ in {unit}")
     style.label(damper, f"amplitude in {torque}", f"damping σ₁ in {unit.replace('/', '·s/')}")
     words = ", falling with the logarithm of the amplitude as of Maxwell slip" if at_rest.falls else ""
-    style.finish(figure, f"{place}: bristles at rest{words}", panels, panels)
-    return figure
+    return style.finish(figure, f"{place}: bristles at rest{words}", panels, panels)
 
 
 def _draw_at_rest(
@@ -266,8 +262,7 @@ def friction_filter(followed: FollowedFriction) -> Figure:
     correlation.axhspan(-reach, reach, color=style.FITTED, alpha=0.15, lw=0)
     style.label(correlation, "lag in samples", "autocorrelation")
     title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
-    style.finish(figure, title, panels, panels, 0.01)
-    return figure
+    return style.finish(figure, title, panels, panels, 0.01)
 
 
 def _draw_number(axes: Axes, followed: FollowedFriction, i: int, time: np.ndarray) -> None:
@@ -303,8 +298,7 @@ def friction_warm_up(
     style.label(tests, "time in min", f"{'force' if slides else 'torque'} in {units(slides)[1]}")
     times = " and ".join(f"{constant / 60:.3g} min" for constant in model.time_constants)
     title = f"{place}: warm-up, time constant{'s' if len(model.time_constants) > 1 else ''} of {times}"
-    style.finish(figure, title, panels, panels, 0.01)
-    return figure
+    return style.finish(figure, title, panels, panels, 0.01)
 
 
 def _draw_tests(axes: Axes, warm_up: WarmUp, model: ThermalModel, level_of: LevelOf | None, unit: str) -> None:

@@ -41,7 +41,6 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
         axes.bar(x, shapes[:, m].real, width=0.6, color=colors)
         axes.plot(x, shapes[:, m].imag, ls="none", marker="_", ms=7, mew=1, color=style.TRUTH)
         axes.axhline(0, color=style.TRUTH, lw=0.5)
-        style.lighten(axes)
         axes.set_yticks([-1, 0, 1])
         axes.set_ylim(-1.15, 1.15)
         axes.set_title(style.plain(row.energy_text[m]), loc="left", fontsize=style.SMALL, pad=2)
@@ -49,10 +48,9 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
         numbers += f"\n{number(100 * row.damping_ratio[m], 2)} %"
         axes.set_ylabel(numbers, rotation=0, ha="right", va="center", fontsize=style.NORMAL, labelpad=4)
     style.set_names(panels[-1, 0].xaxis, names, rotation=90)
-    style.add_title(figure, f"Mode shapes, {title}")
     key = "blue: joints, orange: motors (link side); dash: part out of phase"
     figure.text(0.125 / width, 1 - 0.4 / height, key, fontsize=style.SMALL, va="center")
-    return figure
+    return style.finish(figure, f"Mode shapes, {title}", panels.flat)
 
 
 # Panels side by side.
@@ -105,8 +103,7 @@ def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known:
         lines = _caption(row, mode, rate_is_known, columns * (PANEL_WIDTH + LEFT) - 0.1)
         x, y = first.corner[0], first.corner[1] + first.size[1] + 0.07
         axes.text(x, y, style.plain("\n".join(lines)), fontsize=style.SMALL, va="bottom", linespacing=1.3)
-    style.add_title(figure, f"Modes, {title}: frequency, damping ratio, energy by spring")
-    return figure
+    return style.finish(figure, f"Modes, {title}: frequency, damping ratio, energy by spring")
 
 
 def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list[str]:

@@ -168,7 +168,7 @@ def frf_magnitude(
     low, high = _db_range(shown, [std_db for std_db, _, _ in levels.values()])
     matrix = PanelMatrix(f, (low, high), *Ghat_db.shape[1:])
     ticks = style.db_ticks(low, high, most=6 if len(measured.outputs) <= 3 else 4)
-    figure, axes = _empty(measured, matrix, ticks, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
+    figure, axes = _empty(measured, matrix, ticks, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
     drawn, spread = (modelled, std) if dense is None else dense
     if drawn is not None and spread is not None:
         band = matrix.band(drawn.freq_hz, *_band_db(drawn.G, spread))
@@ -181,8 +181,7 @@ def frf_magnitude(
         axes.plot(*left, color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
     for label, (std_db, color, dashes) in levels.items():
         axes.plot(*matrix.curve(f, std_db), color=color, lw=1.0, ls=dashes, zorder=1.5, label=label)
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, title, (), (axes,), markerscale=2.0)
 
 
 def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
@@ -190,13 +189,12 @@ def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, t
     phase = np.degrees(np.angle(measured.G))
     matrix = PanelMatrix(measured.freq_hz, (-190.0, 190.0), *phase.shape[1:])
     ticks = np.arange(-180.0, 181.0, 90.0 if len(measured.outputs) <= 3 else 180.0).tolist()
-    figure, axes = _empty(measured, matrix, ticks, title, "phase of G in degrees")
+    figure, axes = _empty(measured, matrix, ticks, "phase of G in degrees")
     everywhere = np.ones(phase.shape, bool)
     style.plot_points(axes, *matrix.placed(measured.freq_hz, phase), above_2sigma(measured), everywhere)
     if modelled is not None:
         axes.plot(*matrix.curve(*_unwrapped(modelled)), color=style.FITTED, lw=1.1, label="fitted model")
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, title, (), (axes,), markerscale=2.0)
 
 
 def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
@@ -237,24 +235,20 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
         axes.plot(modelled.freq_hz, s_modelled, color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
-    style.lighten(axes)
     style.set_log_frequency(axes, f)
     style.label(axes, x=style.frequency_label(measured.rate_is_known), y=f"dB re 1 {style.pretty_unit(measured.unit)}")
-    style.add_title(figure, f"Singular values, {title}")
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, f"Singular values, {title}", (axes,), (axes,), markerscale=2.0)
 
 
 def _empty(
-    response: FrequencyResponse, matrix: PanelMatrix, ticks: Sequence[float], title: str, y_label: str
+    response: FrequencyResponse, matrix: PanelMatrix, ticks: Sequence[float], y_label: str
 ) -> tuple[Figure, Axes]:
-    """A panel for each element, inputs across, outputs down, with names and title, and without curves."""
+    """A panel for each element, inputs across, outputs down, with names and without curves."""
     figure, axes = empty_panels(matrix, ticks)
     outputs = [f"{response.quantity} at {output}" if matrix.rows <= 3 else output for output in response.outputs]
     inputs = zip(response.inputs, response.units_of_inputs, strict=True)
     name_panels(axes, matrix, outputs, [f"{INPUT_NOUN.get(unit, 'torque')} at {source}" for source, unit in inputs])
     style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
-    style.add_title(figure, title)
     return figure, axes
 
 
@@ -302,9 +296,9 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
             _label(magnitude, phase, measured, i, j)
     style.set_log_frequency(panels[0, 0], measured.freq_hz)
     style.label_figure(figure, style.frequency_label(measured.rate_is_known))
-    style.add_title(figure, f"{measured.quantity} of {measured.configuration.name}")
-    style.add_legend(figure, panels.flat, markerscale=2.0)
-    return figure
+    return style.finish(
+        figure, f"{measured.quantity} of {measured.configuration.name}", panels.flat, panels.flat, markerscale=2.0
+    )
 
 
 def _draw_model(
@@ -322,8 +316,6 @@ def _draw_model(
 def _label(magnitude: Axes, phase: Axes, measured: FrequencyResponse, i: int, j: int) -> None:
     phase.set_ylim(-190, 190)
     phase.yaxis.set_major_locator(MultipleLocator(90))
-    for axes in (magnitude, phase):
-        style.lighten(axes)
     if i == 0:
         style.label(magnitude, title=f"by {measured.inputs[j]}")
     if j == 0:
@@ -346,9 +338,8 @@ def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
         style.label(axes, title=f"{response.quantity} at {output}")
     for spare in panels.flat[n_y:]:
         spare.set_axis_off()
-    _finish_quality(figure, response, title, f"RMS amplitude in dB re 1 {style.pretty_unit(response.output_unit)}")
-    style.add_legend(figure, figure.axes, markerscale=2.0)
-    return figure
+    _label_quality(figure, response, f"RMS amplitude in dB re 1 {style.pretty_unit(response.output_unit)}")
+    return style.finish(figure, title, figure.axes, figure.axes, markerscale=2.0)
 
 
 def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
@@ -364,9 +355,8 @@ def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figu
     style.label(lost, title="1 − multiple coherence")
     style.label(gains, title="singular values of G in dB")
     style.label(inputs, title=f"singular values of the inputs in dB, condition {np.median(quality.condition):.3g}")
-    _finish_quality(figure, response, title)
-    style.add_legend(figure, [lost])
-    return figure
+    _label_quality(figure, response)
+    return style.finish(figure, title, figure.axes, [lost])
 
 
 def _plot_levels(axes: Axes, response: FrequencyResponse, quality: Quality, i: int) -> None:
@@ -388,9 +378,6 @@ def _quality_panels(rows: int, columns: int, panel_height: float) -> tuple[Figur
     return style.panels(rows, columns, (style.WIDE, 1.25 + rows * panel_height), spaces=(0.25, 0.25), sharex=True)
 
 
-def _finish_quality(figure: Figure, response: FrequencyResponse, title: str, y_label: str = "") -> None:
-    for axes in figure.axes:
-        style.lighten(axes)
+def _label_quality(figure: Figure, response: FrequencyResponse, y_label: str = "") -> None:
     style.set_log_frequency(figure.axes[0], response.freq_hz, most=4)
     style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
-    style.add_title(figure, title)

@@ -48,8 +48,7 @@ def model_errors(validation: Validation) -> Figure:
         figure.colorbar(image, cax=bar).ax.tick_params(labelsize=style.TINY, length=2)
         style.set_names(axes.yaxis, names if is_first else ())
         style.set_names(axes.xaxis, elements if is_last else (), rotation=90)
-    style.add_title(figure, "Errors of the model by configuration and element")
-    return figure
+    return style.finish(figure, "Errors of the model by configuration and element")
 
 
 def _elements(agreement: Agreement) -> list[str]:
@@ -119,8 +118,7 @@ def replay_signals(replay: Replay) -> Figure:
     style.label_figure(figure, "time in s" if replay.rate_is_known else "time in samples")
     unit, (low, high) = "Hz" if replay.rate_is_known else "of the sampling rate", replay.band_hz
     title = f"{replay.shown}: {replay.quantity} from {low:.3g} to {high:.3g} {unit}, measured and replayed"
-    style.finish(figure, title, panels.flat, (panels[0, 1],), 0.0)
-    return figure
+    return style.finish(figure, title, panels.flat, (panels[0, 1],), 0.0)
 
 
 def left_out_errors(comparison: Comparison) -> Figure:
@@ -139,8 +137,7 @@ def left_out_errors(comparison: Comparison) -> Figure:
     style.set_names(axes.yaxis, [row.name for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     style.label(axes, x="error of left-out responses / sigma")
-    style.finish(figure, "Models on configurations that they were not fitted to", (axes,), (axes,))
-    return figure
+    return style.finish(figure, "Models on configurations that they were not fitted to", (axes,), (axes,))
 
 
 # Samples that are drawn.
@@ -224,8 +221,7 @@ def twin_run_figure(run: TwinRun, motor: str) -> Figure:
     style.label(panels[-1, 0], "time in s")
     style.label(panels[-1, 1], "upper end of the octave in Hz")
     driven = "its torque" if run.drive == "torque" else "its reference"
-    style.finish(figure, f"{run.log}, {motor}: simulated under {driven}", panels.flat, (panels[0, 0],))
-    return figure
+    return style.finish(figure, f"{run.log}, {motor}: simulated under {driven}", panels.flat, (panels[0, 0],))
 
 
 def _draw_time(axes: Axes, signal: TwinSignal, rate_hz: float, part: slice) -> None:

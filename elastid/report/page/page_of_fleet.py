@@ -36,8 +36,7 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
     if names_fit:
         style.set_names(axes.xaxis, robots, rotation=90)
     style.label(axes, "" if names_fit else "robot", f"{style.plain(name)} in {style.pretty_unit(unit)}")
-    style.finish(figure, f"{name} over the fleet", [axes], [axes])
-    return figure
+    return style.finish(figure, f"{name} over the fleet", [axes], [axes])
 
 
 @dataclass(frozen=True)
