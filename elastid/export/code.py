@@ -7,7 +7,8 @@ with the fitted numbers inserted. Conventions of sign and side: `elastid.model.e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -61,23 +62,33 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
     arguments, results, coordinates and units.
     """
-    generator = ca.CodeGenerator("robot.c", {"with_header": True})
     prefixed = [_prefixed(function) for function in functions(model)]
-    for function in prefixed:
+    sources = c_sources("robot", prefixed)
+    source, header = folder / "robot.c", folder / "robot.h"
+    for path, text in ((source, sources["robot.c"]), (header, _layout(model, prefixed) + sources["robot.h"])):
+        with text_file(path) as file:
+            file.write(text)
+    return source, header, _coordinates(folder, model)
+
+
+def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
+    """The texts of <name>.c and <name>.h with these functions."""
+    generator = ca.CodeGenerator(f"{name}.c", {"with_header": True})
+    for function in functions:
         generator.add(function)
-    folder.mkdir(parents=True, exist_ok=True)
-    generator.generate(f"{folder}/")
-    header = folder / "robot.h"
-    declarations = header.read_text(encoding="utf-8")
-    with text_file(header) as file:
-        file.write(_layout(model, prefixed) + declarations)
-    return folder / "robot.c", header, _coordinates(folder, model)
+    with tempfile.TemporaryDirectory() as temporary:
+        generator.generate(f"{temporary}/")
+        return {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
+
+
+def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX], *names: list[str]) -> ca.Function:
+    """A function whose results have no structural zeros; names: of arguments and results."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], *names, {"cse": True})
 
 
 def _prefixed(function: ca.Function) -> ca.Function:
-    dense = [ca.densify(part) for part in function.call(function.sx_in())]
-    name = f"robot_{function.name()}"
-    return ca.Function(name, function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True})
+    given, names = function.sx_in(), (function.name_in(), function.name_out())
+    return dense(f"robot_{function.name()}", given, function.call(given), *names)
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:

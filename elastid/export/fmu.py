@@ -19,7 +19,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.export.code import c_sources, dense
 from elastid.export.numbers import HELD, c_row, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.law import CURVE
@@ -73,19 +74,19 @@ def layout(
     position = equations.B.T @ points[0].q
     groups: dict[str, list[Variable]] = {
         "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
-        "TORQUE": _of(motors, "torque", "input", "continuous", "link-side torque added to the feedback", points[0].u),
-        "POSITION": _of(motors, "reference", "input", "continuous", "angle that the controller aims at", position),
-        "VELOCITY": _of(motors, "reference_speed", "input", "continuous", "speed that the controller aims at"),
-        "ANGLE": _of(motors, "angle", "output", "continuous", "angle over its gear ratio"),
-        "SPEED": _of(motors, "speed", "output", "continuous", "speed over its gear ratio"),
-        "APPLIED": _of(motors, "applied", "output", "continuous", "torque with feedback, link side"),
-        "HOLDING": _of(motors, "holding", "output", "continuous", "torque that holds the posture of the start"),
-        "JOINT": _of([f"joint {name}" for name in joints], "angle", "output", "continuous", "angle"),
+        "TORQUE": _of(motors, "torque", "input", "link-side torque added to the feedback", points[0].u),
+        "POSITION": _of(motors, "reference", "input", "angle that the controller aims at", position),
+        "VELOCITY": _of(motors, "reference_speed", "input", "speed that the controller aims at"),
+        "ANGLE": _of(motors, "angle", "output", "angle over its gear ratio"),
+        "SPEED": _of(motors, "speed", "output", "speed over its gear ratio"),
+        "APPLIED": _of(motors, "applied", "output", "torque with feedback, link side"),
+        "HOLDING": _of(motors, "holding", "output", "torque that holds the posture of the start"),
+        "JOINT": _of([f"joint {name}" for name in joints], "angle", "output", "angle"),
         "THETA": _stiffnesses(model),
         "FRICTION": _friction(contacts),
-        "KP": _of(motors, "kp", "parameter", "tunable", "feedback of its angle, N*m/rad of the link side"),
-        "KD": _of(motors, "kd", "parameter", "tunable", "feedback of its speed, N*m*s/rad of the link side"),
-        "KI": _of(motors, "ki", "parameter", "tunable", "integral of the feedback, 1/s"),
+        "KP": _of(motors, "kp", "parameter", "feedback of its angle, N*m/rad of the link side"),
+        "KD": _of(motors, "kd", "parameter", "feedback of its speed, N*m*s/rad of the link side"),
+        "KI": _of(motors, "ki", "parameter", "integral of the feedback, 1/s"),
         "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
         "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
     }
@@ -97,14 +98,10 @@ def layout(
 
 
 def _of(
-    motors: list[str] | tuple[str, ...],
-    name: str,
-    causality: Causality,
-    variability: Variability,
-    text: str,
-    start: FloatArray | None = None,
+    motors: Sequence[str], name: str, causality: Causality, text: str, start: FloatArray | None = None
 ) -> list[Variable]:
     values = np.zeros(len(motors)) if start is None else start
+    variability: Variability = "tunable" if causality == "parameter" else "continuous"
     return [
         Variable(f"{name} of {motor}", causality, variability, f"{motor[0].upper()}{motor[1:]}: {text}", float(value))
         for motor, value in zip(motors, values, strict=True)
@@ -232,25 +229,13 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     torque = B @ u - contacts.torque(v, z, friction)
     accelerate = free_acceleration(model, theta=theta)
     built = [
-        _dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
-        _dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
-        _dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l]]),
+        dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
+        dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
+        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l]]),
     ]
     if model.n_c:
-        built.append(_dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
+        built.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
     return tuple(built)
-
-
-def write_equations(folder: Path, functions: tuple[ca.Function, ...]) -> None:
-    """equations.c and equations.h."""
-    generator = ca.CodeGenerator("equations.c", {"with_header": True})
-    for function in functions:
-        generator.add(function)
-    generator.generate(f"{folder}/")
-
-
-def _dense(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
-    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
 
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -285,9 +270,7 @@ def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     variables = layout(model, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)
     sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in OWN}
-    with tempfile.TemporaryDirectory() as temporary:
-        write_equations(Path(temporary), functions)
-        sources |= {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
+    sources |= c_sources("equations", functions)
     sources["start.h"] = _start(variables, points)
     sizes = _sizes(model, sliding.n_states, functions, variables, len(points))
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"

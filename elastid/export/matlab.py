@@ -134,10 +134,7 @@ def _system(system: Any) -> dict[str, Any]:
 
 
 def _response(G: Any, measured: FrequencyResponse, variance: FloatArray | None) -> dict[str, Any]:
-    """The fields of an idfrd.
-
-    CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance.
-    """
+    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
         "configuration": measured.configuration.name,

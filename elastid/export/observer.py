@@ -6,7 +6,6 @@ joint and of the noise are inside; all torques and angles are on the link side, 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
+from elastid.export.code import c_sources, dense
 from elastid.export.numbers import c_row
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store.files import text_file
@@ -34,12 +34,7 @@ def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Pa
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers, "joint")
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
-    generator = ca.CodeGenerator("equations.c")
-    for step in steps.values():
-        generator.add(step)
-    with tempfile.TemporaryDirectory() as temporary:
-        generator.generate(f"{temporary}/")
-        equations = (Path(temporary) / "equations.c").read_text(encoding="utf-8")
+    equations = c_sources("equations", steps.values())["equations.c"]
     source, header = folder / "observer.c", folder / "observer.h"
     with text_file(source) as file:
         file.write(equations + '\n#include "observer.h"\n')
@@ -55,7 +50,7 @@ def _step(name: str, observer: Observer) -> ca.Function:
     step = filter_step(observer.joint, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.joint, observer.rate_hz))
-    return ca.Function(f"{name}_step", [x, P, u, g, y], [ca.densify(each) for each in results], {"cse": True})
+    return dense(f"{name}_step", [x, P, u, g, y], results)
 
 
 def _functions(name: str, observer: Observer, step: ca.Function) -> str:

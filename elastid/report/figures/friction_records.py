@@ -30,10 +30,7 @@ COLORS = {"friction": style.START, OFFSET: style.MEASURED, "ripple": style.NOISE
 
 
 def friction_pass(pair: Sequence[Pass], regressed: PassLevels) -> Figure:
-    """Torque over angle, measured and regressed; the parts of the regression; what it leaves, all in both directions.
-
-    pair: the passes there and back.
-    """
+    """Torque over angle, there and back: measured and regressed; the parts of the regression; what it leaves."""
     figure, panels = style.column(6.6, (2, 2, 1), 0.14)
     total_torque, shown, left = panels
     scale = 1.0 if pair[0].slides else 180 / np.pi
@@ -56,10 +53,7 @@ def friction_pass(pair: Sequence[Pass], regressed: PassLevels) -> Figure:
 
 
 def parts_of(pair: Sequence[Pass], regressed: PassLevels) -> list[dict[str, FloatArray]]:
-    """Friction, gravity with the offset, ripple and inertia (n,) of each pass, those that the regression has.
-
-    The offset is the pair's own, the same in both directions.
-    """
+    """Of each pass friction, gravity with the pair's own offset, inertia (n,), and ripple where it was regressed."""
     shared = {name: value for name, (value, _) in regressed.shared.items()}
     by_run = []
     for run in pair:
