@@ -81,14 +81,15 @@ def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
         return {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
 
 
-def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX], *names: list[str]) -> ca.Function:
-    """A function whose results have no structural zeros; names: of arguments and results."""
-    return ca.Function(name, given, [ca.densify(result) for result in results], *names, {"cse": True})
+def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
+    """A function whose results have no structural zeros."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
 
 
 def _prefixed(function: ca.Function) -> ca.Function:
-    given, names = function.sx_in(), (function.name_in(), function.name_out())
-    return dense(f"robot_{function.name()}", given, function.call(given), *names)
+    results = [ca.densify(part) for part in function.call(function.sx_in())]
+    name = f"robot_{function.name()}"
+    return ca.Function(name, function.sx_in(), results, function.name_in(), function.name_out(), {"cse": True})
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:

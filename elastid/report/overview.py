@@ -217,10 +217,11 @@ def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[
     return tuple(actions[: ADVICE.actions] or [none_needed])
 
 
-def commands(content: ReportContent) -> tuple[tuple[str, str], ...]:
-    """Meaning and command line of exports; the study is the one in the run folder."""
-    targets = ("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco")
-    return tuple((words, f"elastid export study.yml --run . --to {target}") for words, target in targets)
+# Meaning and command line of exports; the study is the one in the run folder.
+COMMANDS = tuple(
+    (words, f"elastid export study.yml --run . --to {target}")
+    for words, target in (("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
+)
 
 
 def _action_of_status(result: FitResult) -> Action | None:

@@ -16,7 +16,7 @@ from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.passes import passes_of
 from elastid.friction_study.result import FrictionResult, JointFriction
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import ReportContent, parameter_rows
+from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import design, fit, friction, friction_records, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
@@ -143,6 +143,16 @@ def response_drawings(
         ("singular-values", "singular values of the response matrix", singular),
     ):
         yield of_configuration(measured.configuration.name, f"{file}-{kind}", f"{quantity}{compared}.", draw, False)
+
+
+def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
+    """The figures of measured responses without a model, to be drawn."""
+    yield from friction_drawings(content.friction)
+    files = file_names([response.configuration.name for response in content.responses], "frf")
+    for file, response in zip(files, content.responses, strict=True):
+        title = responses.configuration_title(response, left_out=False)
+        yield from response_drawings(file, response, None, title)
+        yield from quality_drawings(file, response, title)
 
 
 def of_configuration(

@@ -260,7 +260,7 @@ def friction_filter(followed: FollowedFriction) -> Figure:
 
 
 def _draw_number(axes: Axes, followed: FollowedFriction, i: int, time: np.ndarray) -> None:
-    looks = {"color": style.FITTED, "alpha": 0.2, "lw": 0, "label": "95 % band"}
+    looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.2, "lw": 0, "label": "95 % band"}
     axes.fill_between(time, followed.low[:, i], followed.high[:, i], **looks)
     axes.plot(time, followed.values[:, i], color=style.FITTED, lw=1.2, label="followed")
     held = np.where(followed.unknown[:, i], followed.values[:, i], np.nan)

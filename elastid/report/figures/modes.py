@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,8 +34,8 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
     width = float(np.clip(left + 0.45 + 0.42 * n, 4.5, 11.0))
     panel, below = float(np.clip(5.0 / max(n_m, 1), 0.6, 0.9)), 0.3 + 0.065 * max(map(len, names))
     height = 0.85 + n_m * panel + below
-    margins, options = (left, 0.15, 0.8, below), {"sharex": True, "sharey": True}
-    figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), **options)
+    margins = left, 0.15, 0.8, below
+    figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), sharex=True, sharey=True)
     x = np.arange(n)
     colors = [style.START if name.startswith("motor") else style.MEASURED for name in names]
     for m, axes in enumerate(panels.flat):
@@ -161,29 +162,24 @@ def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> N
 def _draw_axes(axes: Axes, panel: Panel) -> None:
     (left, bottom), (wide, high) = panel.corner, panel.size
     grid = []
-
-    def write(x: float, y: float, text: str, ha: str, va: str, rotation: float = 0.0) -> None:
-        axes.text(x, y, text, ha=ha, va=va, rotation=rotation, fontsize=style.SMALL - 0.5)
-
-    for i, axis in enumerate(panel.plane):
-        for value in _ticks(panel.low[i], panel.low[i] + panel.size[i] / panel.inches):
-            x, y = panel.placed(np.full(3, value))
-            if i == 0:
-                grid.append([(x, bottom), (x, bottom + high)])
-                write(x, bottom - 0.05, f"{value:g}", "center", "top")
-            else:
-                grid.append([(left, y), (left + wide, y)])
-                write(left - 0.05, y, f"{value:g}", "right", "center")
-        name = f"{'xyz'[axis]} in m"
-        if i == 0:
-            write(left + wide / 2, bottom - 0.27, name, "center", "center")
-        else:
-            write(left - 0.36, bottom + high / 2, name, "center", "center", 90.0)
+    small: dict[str, Any] = {"fontsize": style.SMALL - 0.5}
+    for value in _ticks(panel, 0):
+        x = panel.placed(np.full(3, value))[0]
+        grid.append([(x, bottom), (x, bottom + high)])
+        axes.text(x, bottom - 0.05, f"{value:g}", ha="center", va="top", **small)
+    for value in _ticks(panel, 1):
+        y = panel.placed(np.full(3, value))[1]
+        grid.append([(left, y), (left + wide, y)])
+        axes.text(left - 0.05, y, f"{value:g}", ha="right", va="center", **small)
+    x_name, y_name = (f"{'xyz'[axis]} in m" for axis in panel.plane)
+    axes.text(left + wide / 2, bottom - 0.27, x_name, ha="center", va="center", **small)
+    axes.text(left - 0.36, bottom + high / 2, y_name, ha="center", va="center", rotation=90.0, **small)
     axes.add_collection(LineCollection(grid, colors=style.GRID, linewidths=0.4))
     corner = [(left, bottom + high), (left, bottom), (left + wide, bottom)]
     axes.add_collection(LineCollection([corner], colors=style.TRUTH, linewidths=0.6))
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def _ticks(panel: Panel, i: int) -> list[float]:
+    low, high = panel.low[i], panel.low[i] + panel.size[i] / panel.inches
     values = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
     return [round(float(value), 12) + 0.0 for value in values if low <= value <= high]

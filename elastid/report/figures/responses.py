@@ -132,8 +132,6 @@ def name_panels(axes: Axes, matrix: PanelMatrix, rows: Sequence[str], columns: S
 
 # The y range ends at most so many dB below the points that count, and below the highest.
 NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
-
-
 # The noun of an input by its unit.
 INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
 
@@ -231,7 +229,7 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
     for k in range(s_measured.shape[1]):
         style.plot_points(axes, f, style.in_db(s_measured[:, k]), above[:, k])
     if modelled is not None:
-        s_modelled = style.in_db(np.linalg.svd(modelled.G, compute_uv=False))
+        s_modelled = style.in_db(np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float))
         axes.plot(modelled.freq_hz, s_modelled, color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
@@ -285,20 +283,18 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
     size = left + n_u * PANEL_WIDTH + right, top + 2 * n_y * PANEL_HEIGHT + bottom
     figure, panels = style.panels(2 * n_y, n_u, size, margins, (0.25, 0.15), sharex=True)
     above = above_2sigma(measured)
-    for i in range(n_y):
-        for j in range(n_u):
-            magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
-            f, G = measured.freq_hz, measured.G[:, i, j]
-            style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
-            style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
-            if modelled is not None:
-                _draw_model(magnitude, phase, modelled, i, j, std)
-            _label(magnitude, phase, measured, i, j)
+    for i, j in np.ndindex(n_y, n_u):
+        magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
+        f, G = measured.freq_hz, measured.G[:, i, j]
+        style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
+        style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
+        if modelled is not None:
+            _draw_model(magnitude, phase, modelled, i, j, std)
+        _label(magnitude, phase, measured, i, j)
     style.set_log_frequency(panels[0, 0], measured.freq_hz)
     style.label_figure(figure, style.frequency_label(measured.rate_is_known))
-    return style.finish(
-        figure, f"{measured.quantity} of {measured.configuration.name}", panels.flat, panels.flat, markerscale=2.0
-    )
+    title = f"{measured.quantity} of {measured.configuration.name}"
+    return style.finish(figure, title, panels.flat, panels.flat, markerscale=2.0)
 
 
 def _draw_model(
@@ -306,7 +302,7 @@ def _draw_model(
 ) -> None:
     f, G = modelled.freq_hz, modelled.G[:, i, j]
     if std is not None:
-        looks = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
+        looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
         magnitude.fill_between(f, *_band_db(G, std[:, i, j]), **looks)
     magnitude.plot(f, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
     lines, degrees = _unwrapped(modelled)

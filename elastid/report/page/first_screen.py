@@ -102,7 +102,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "strip": overview.strip(content.validation.configurations),
         "residuals": overview.residual_sentence(content.result, content.validation.configurations),
         "actions": overview.next_steps(content, rows),
-        "commands": overview.commands(content),
+        "commands": overview.COMMANDS,
         "meanings": meanings(content),
         "correlated": correlated(content.result),
     }
