@@ -150,36 +150,32 @@ def description(
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
     variables = ET.SubElement(root, "ModelVariables")
     structure = ET.SubElement(root, "ModelStructure")
-    (_describe_2 if is_2 else _describe_3)(variables, structure, layout.variables, configurations)
+    (_describe_2 if is_2 else _describe_3)(variables, structure, layout, configurations)
     return _text(root)
 
 
-def _describe_2(
-    variables: ET.Element, structure: ET.Element, every: tuple[Variable, ...], configurations: tuple[str, ...]
-) -> None:
+def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
     """Variables with their types below them, and unknowns by their places from 1 on."""
-    for reference, variable in enumerate(every):
+    for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
-    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(every), configurations))
-    ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(configurations)))
+    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), names))
+    ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(names)))
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
-        for index, variable in enumerate(every, start=1):
+        for index, variable in enumerate(layout.variables, start=1):
             if variable.causality == "output":
                 ET.SubElement(section, "Unknown", index=str(index))
 
 
-def _describe_3(
-    variables: ET.Element, structure: ET.Element, every: tuple[Variable, ...], configurations: tuple[str, ...]
-) -> None:
+def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
     """Variables by their types, and unknowns by their value references."""
-    for reference, variable in enumerate(every):
+    for reference, variable in enumerate(layout.variables):
         ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
-    limits = {"start": "1", "min": "1", "max": str(len(configurations))}
-    ET.SubElement(variables, "Int32", _configuration(len(every), configurations) | limits)
+    limits = {"start": "1", "min": "1", "max": str(len(names))}
+    ET.SubElement(variables, "Int32", _configuration(len(layout.variables), names) | limits)
     for part in ("Output", "InitialUnknown"):
-        for reference, variable in enumerate(every):
+        for reference, variable in enumerate(layout.variables):
             if variable.causality == "output":
                 ET.SubElement(structure, part, valueReference=str(reference))
 
@@ -250,12 +246,13 @@ def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     paths = tuple(folder / f"robot_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
         other = "fmi3.c" if version == 2 else "fmi2.c"
-        content = {f"sources/{name}": text for name, text in sources.items() if name != other}
+        content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != other}
         content["modelDescription.xml"] = described[version]
         if version == 3:
             content["sources/buildDescription.xml"] = build_description()
-        library = None if compiler is None else compiled(compiler, sources, version)
-        _pack(path, content, {} if library is None else {_library_path(version): library})
+        if compiler is not None:
+            content[_library_path(version)] = compiled(compiler, sources, version)
+        _pack(path, content)
     return paths
 
 
@@ -335,9 +332,8 @@ def _table(rows: Iterable[FloatArray]) -> str:
     return "{" + ", ".join(map(c_row, rows)) + "}"
 
 
-def _pack(path: Path, texts: Mapping[str, str], libraries: Mapping[str, bytes]) -> None:
+def _pack(path: Path, entries: Mapping[str, str | bytes]) -> None:
     """A zip file whose bytes depend on its content alone."""
-    entries = {name: text.encode("utf-8") for name, text in texts.items()} | dict(libraries)
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(entries):
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)

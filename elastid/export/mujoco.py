@@ -21,6 +21,7 @@ so that mass, centre, inertia across it and all terms of s in T are those of the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,7 +77,9 @@ def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
     add_loops(root, elements, robot, rods)
     _tendons(root, robot)
     add_rod_springs(root, elements, robot)
-    _actuators(root, robot)
+    actuators = ET.SubElement(root, "actuator")
+    for joint in robot.driven:
+        ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
     _check_names(root, robot)
     return root
 
@@ -104,10 +107,8 @@ def _check_names(root: ET.Element, robot: Robot) -> None:
         names = ["world"] if kind == "body" else []
         for name in (element.get("name", "") for element in root.findall(path)):
             if name in names:
-                raise StudyError(
-                    f"robot {robot.name}: MJCF would have two elements of the kind {kind} called '{name}'; give the "
-                    "body, frame or loop another name"
-                )
+                two = f"MJCF would have two elements of the kind {kind} called '{name}'"
+                raise StudyError(f"robot {robot.name}: {two}; give the body, frame or loop another name")
             names.append(name)
 
 
@@ -179,18 +180,12 @@ def _tendons(root: ET.Element, robot: Robot) -> None:
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
 
 
-def _actuators(root: ET.Element, robot: Robot) -> None:
-    actuators = ET.SubElement(root, "actuator")
-    for joint in robot.driven:
-        ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
-
-
 def _intervals(root: ET.Element, model: FittedRobot) -> None:
     custom = ET.SubElement(root, "custom")
     legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
     ET.SubElement(custom, "text", name="numeric", data=legend)
     for known in known_numbers(model):
-        if known.is_identified:
+        if math.isfinite(known.std):
             row = in_full((known.value, known.std, known.low, known.high))
             ET.SubElement(custom, "numeric", name=known.name, data=row)
 

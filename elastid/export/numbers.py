@@ -38,11 +38,6 @@ class KnownNumber:
     high: float
     words: str
 
-    @property
-    def is_identified(self) -> bool:
-        """True if the data constrain it."""
-        return math.isfinite(self.std)
-
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
     """Of every parameter of a fitted model, in the order of the fit."""

@@ -62,7 +62,8 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
     axis_pose = pose @ _matrix(body.placement)
-    joints = [joint for joint in body.joints if _moves(joint)]
+    # Those that are elastic alone are rigid here.
+    joints = [joint for joint in body.joints if joint.motor is not None or joint.is_passive]
     names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):
         to_axis = _shift(np.array(joint.point, dtype=float))
@@ -85,11 +86,6 @@ def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
     return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 
 
-def _moves(joint: Joint) -> bool:
-    """True if a joint moves in the rigid robot: driven or passive, and not elastic alone."""
-    return joint.motor is not None or joint.is_passive
-
-
 def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: FloatArray) -> None:
     low, high = joint.limits.angle
     is_limited = joint.slides or math.isfinite(low) or math.isfinite(high)
@@ -98,7 +94,9 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
     ET.SubElement(element, "axis", xyz=in_full(unit_axis(joint.axis)))
     limits = {"effort": joint.limits.torque, "velocity": joint.limits.velocity}
     limits |= {"lower": low, "upper": high} if is_limited else {}
-    ET.SubElement(element, "limit", {key: repr(_finite(value)) for key, value in limits.items()})
+    # The format asks for limits where a robot's file has none.
+    finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
+    ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
     viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.ratio**2 * joint.motor.viscous)
     places = (f"motor {joint.name}", f"joint {joint.name}")
     coulomb = sum(float(law.curve()[0]) for law in frictions(robot) if law.place in places)
@@ -151,7 +149,3 @@ def _left_out(robot: Robot) -> str:
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []
     return f"{robot.name}, rigid. Left out: {'; '.join(filter(None, parts))}. Targets mujoco, fmu, casadi, c have them."
-
-
-def _finite(value: float) -> float:
-    return math.copysign(min(abs(value), 1e6), value)  # the format asks for limits where a robot's file has none

@@ -16,6 +16,8 @@ from elastid.report.figures import style
 
 # Inches: the panel of singular values is so wide, and so far from the matrix.
 VALUES_WIDTH, GAP = 3.2, 1.5
+# The percent axis ends there at most, and has so many steps to a side before it has decades only.
+MAX_PERCENT, MAX_STEPS = 300.0, 4
 
 
 def multistart_costs(result: FitResult) -> Figure:
@@ -78,10 +80,6 @@ def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: fl
     for i, j in np.argwhere(np.abs(r) > 0.9):
         if i != j:
             axes.text(j, i, f"{r[i, j]:.2f}", ha="center", va="center", color="white", fontsize=0.75 * size)
-
-
-# The percent axis ends there at most, and has so many steps to a side before it has decades only.
-MAX_PERCENT, MAX_STEPS = 300.0, 4
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:

@@ -20,11 +20,14 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.robot import Robot
 
-POINTS = 200
+# Of a law, and of friction taken out of responses.
+POINTS, POINTS_TAKEN_OUT = 200, 400
 # The law is drawn, dashed, beyond the measured speeds by this factor.
 BEYOND = 2.0
 # Levels belong to one curve within so many kelvins, and this share of the largest load.
 SAME_KELVIN, SAME_LOAD = 5.0, 0.05
+# Speeds at which levels are drawn over load or temperature; those of one group differ at most by this share.
+MOST_SPEEDS, SAME_SPEED = 4, 0.05
 # Direction: color, name.
 DIRECTIONS = {
     0.0: (style.MEASURED, "both directions"),
@@ -154,10 +157,6 @@ def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float
         style.fill_band(axes, speed, torque, half, color, 0.25, zorder=3)
 
 
-# Speeds that are drawn, and the share by which those of one group differ at most.
-MOST_SPEEDS, SAME_SPEED = 4, 0.05
-
-
 def conditions_of(law: StaticLaw) -> list[str]:
     """On which of load and temperature the law depends."""
     return [kind for kind in ("load", "temperature") if depends_on(law, kind)]
@@ -210,10 +209,6 @@ def _groups(speed: FloatArray) -> Sequence[BoolArray]:
             centres.append(v)
     chosen = np.unique(np.round(np.linspace(0, len(centres) - 1, MOST_SPEEDS)).astype(int))
     return [(speed >= centres[i] * (1 - 1e-9)) & (speed <= centres[i] * (1 + SAME_SPEED)) for i in chosen]
-
-
-# Points of a curve.
-POINTS_TAKEN_OUT = 400
 
 
 def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:

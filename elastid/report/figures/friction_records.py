@@ -25,8 +25,18 @@ from elastid.friction_study.warm_up import LevelOf, ThermalModel, WarmUp, level_
 from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 
+# Samples of a motion that are drawn.
+MOST_SAMPLES = 6000
 OFFSET = "gravity and offset"
 COLORS = {"friction": style.START, OFFSET: style.MEASURED, "ripple": style.NOISE, "inertia": style.TOTAL}
+# Of numbers that are followed.
+NAMES = {
+    "Fc": "Coulomb friction",
+    "f": "viscous friction",
+    "f+": "viscous friction +",
+    "f-": "viscous friction \N{MINUS SIGN}",
+    "offset": "offset",
+}
 
 
 def friction_pass(pair: Sequence[Pass], regressed: PassLevels) -> Figure:
@@ -89,10 +99,6 @@ def _ripple(q: FloatArray, shared: Mapping[str, float], turn: float) -> FloatArr
         x = 2 * np.pi * h / turn * q
         total += cosine * np.cos(x) + sine * np.sin(x)
     return total
-
-
-# Samples that are drawn.
-MOST_SAMPLES = 6000
 
 
 def friction_motion(friction: MotionFriction) -> Figure:
@@ -226,15 +232,6 @@ def _draw_at_rest(
     value, of_value = np.array(limit)[:, None]
     style.plot_intervals(axes, np.zeros(1), value, of_value, **looks, color=style.FITTED, label="extrapolated")
     axes.margins(x=0.06)
-
-
-NAMES = {
-    "Fc": "Coulomb friction",
-    "f": "viscous friction",
-    "f+": "viscous friction +",
-    "f-": "viscous friction \N{MINUS SIGN}",
-    "offset": "offset",
-}
 
 
 def friction_filter(followed: FollowedFriction) -> Figure:

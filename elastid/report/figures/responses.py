@@ -21,6 +21,12 @@ from elastid.validation.residual_tests import above_2sigma, sigma_of, smoothed_s
 # Inches: left of all panels, right, above and below; between columns and between rows.
 LEFT, RIGHT, TOP, BOTTOM = 0.75, 0.3, 1.0, 0.55
 GAP_X, GAP_Y = 0.09, 0.13
+# Of the panels of a Bode plot.
+PANEL_WIDTH, PANEL_HEIGHT = 3.4, 1.5
+# The y range ends at most so many dB below the points that count, and below the highest.
+NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
+# The noun of an input by its unit.
+INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
 
 
 @dataclass(frozen=True)
@@ -128,12 +134,6 @@ def name_panels(axes: Axes, matrix: PanelMatrix, rows: Sequence[str], columns: S
     for edge, name in zip(bottom, rows, strict=True):
         right, middle = left[-1] + width + 0.06, edge + height / 2
         axes.text(right, middle, style.plain(name), rotation=270, va="center", fontsize=style.NORMAL)
-
-
-# The y range ends at most so many dB below the points that count, and below the highest.
-NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
-# The noun of an input by its unit.
-INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
 
 
 def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
@@ -269,14 +269,10 @@ def _db_range(curves_db: Iterable[FloatArray], stds_db: Iterable[FloatArray]) ->
     return low - margin, high + margin
 
 
-PANEL_WIDTH, PANEL_HEIGHT = 3.4, 1.5
-
-
 def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None) -> Figure:
     """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
 
-    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, drawn as a band of
-    2 std.
+    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
     """
     n_y, n_u = len(measured.outputs), len(measured.inputs)
     left, right, top, bottom = margins = 0.9, 0.3, 1.0, 0.55
@@ -297,15 +293,13 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
     return style.finish(figure, title, panels.flat, panels.flat, markerscale=2.0)
 
 
-def _draw_model(
-    magnitude: Axes, phase: Axes, modelled: FrequencyResponse, i: int, j: int, std: FloatArray | None
-) -> None:
-    f, G = modelled.freq_hz, modelled.G[:, i, j]
+def _draw_model(magnitude: Axes, phase: Axes, model: FrequencyResponse, i: int, j: int, std: FloatArray | None) -> None:
+    f, G = model.freq_hz, model.G[:, i, j]
     if std is not None:
         looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
         magnitude.fill_between(f, *_band_db(G, std[:, i, j]), **looks)
     magnitude.plot(f, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
-    lines, degrees = _unwrapped(modelled)
+    lines, degrees = _unwrapped(model)
     phase.plot(lines, degrees[:, i, j], color=style.FITTED, lw=1.1)
 
 
