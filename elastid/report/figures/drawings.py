@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
-from elastid.friction_study.follow import FollowedFriction
-from elastid.friction_study.passes import passes_of
-from elastid.friction_study.result import FrictionResult, JointFriction
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import design, fit, friction, friction_records, modes, responses, validation
+from elastid.report.figures import design, fit, friction, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
+
+if TYPE_CHECKING:
+    from elastid.friction_study.follow import FollowedFriction
+    from elastid.friction_study.result import FrictionResult, JointFriction
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -236,6 +237,8 @@ def friction_study_drawings(
 
 
 def _of_joint(joint: JointFriction) -> Iterator[Named]:
+    from elastid.report.figures import friction_records  # brings SciPy, for studies of friction alone
+
     law, place = joint.static, f"joint {joint.joint}"
     if law is not None:
         caption = (
@@ -257,6 +260,8 @@ def _of_joint(joint: JointFriction) -> Iterator[Named]:
 
 
 def _of_filter(followed: FollowedFriction) -> Named:
+    from elastid.report.figures import friction_records
+
     caption = (
         "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
         "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
@@ -266,6 +271,9 @@ def _of_filter(followed: FollowedFriction) -> Named:
 
 
 def _of_records(joint: JointFriction) -> Iterator[Named]:
+    from elastid.friction_study.passes import passes_of
+    from elastid.report.figures import friction_records
+
     if joint.levels is not None and joint.example is not None:
         caption = (
             "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "

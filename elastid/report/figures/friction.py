@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,11 +14,13 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions
-from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import Levels
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.robot import Robot
+
+if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
+    from elastid.friction_study.laws import StaticLaw
+    from elastid.friction_study.levels import Levels
 
 # Of a law, and of friction taken out of responses.
 POINTS, POINTS_TAKEN_OUT = 200, 400

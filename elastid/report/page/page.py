@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -31,7 +31,9 @@ from elastid.report.page import booklet
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
-from elastid.validation.fleet import Finding, FleetValue
+
+if TYPE_CHECKING:
+    from elastid.validation.fleet import Finding, FleetValue  # brings SciPy's statistics
 
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
