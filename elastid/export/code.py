@@ -93,7 +93,6 @@ def _prefixed(function: ca.Function) -> ca.Function:
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
-    """The head of robot.h: arguments and results of each function, and their entries."""
     units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
     lines = [f"{_equation(model)}, on the link side.", ""]
     for function in prefixed:

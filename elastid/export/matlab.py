@@ -117,7 +117,6 @@ def _written(
 
 
 def _measured(G: FrequencyResponse) -> dict[str, Any]:
-    """Without a covariance where none was measured."""
     return _response(G.G, G, None if G.uncertainty is None else G.uncertainty.variance)
 
 

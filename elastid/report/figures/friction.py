@@ -199,7 +199,6 @@ def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color
 
 
 def _over(typical: Condition, kind: str, values: FloatArray, speed: float) -> Conditions:
-    """At values of load or temperature and one speed, in no direction."""
     return replace(typical, **{kind: values}).at(np.full_like(values, speed), 0.0)
 
 

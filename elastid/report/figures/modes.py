@@ -116,7 +116,6 @@ def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list
 
 
 def _lay_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
-    """The size of the canvas in inches, and the panels mode by mode."""
     views = [drawing.views(mode) for mode in range(drawing.moved.shape[2])]
     columns = max(map(len, views))
     modes_a_row = min(MAX_COLUMNS // columns, max(len(views), MIN_COLUMNS // columns))

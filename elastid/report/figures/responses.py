@@ -204,7 +204,6 @@ def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
 
 
 def _levels(measured: FrequencyResponse, std: FloatArray | None) -> dict[str, tuple[FloatArray, str, str]]:
-    """Standard deviations in dB (F, n_y, n_u) with colour and dashes, by their label."""
     levels = {
         label: (style.in_db(smoothed_std(measured, covariance)[0]), color, dashes)
         for covariance, label, color, dashes in (

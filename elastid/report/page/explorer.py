@@ -65,7 +65,6 @@ def curve_scripts() -> tuple[str, ...]:
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
-    """The quantities to choose from; of each curve its look and the arrays that it needs."""
     measured = _curve("measured", "measured", style.MEASURED, ["G"], points=True, ranged=True)
     fitted = _curve("fitted", "model", style.FITTED, ["model"], width=1.5, ranged=True)
     magnitude = [
