@@ -14,7 +14,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.report.content import parameter_rows
 from elastid.report.figures import responses
 from elastid.report.figures.fit import forest
-from elastid.report.figures.friction_curve import friction_curve as curve_figure
+from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
 from elastid.response import FrequencyResponse, in_quantity
 
@@ -76,7 +76,6 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
 
 
 def __dir__() -> list[str]:
-    """The functions alone."""
     return __all__
 
 

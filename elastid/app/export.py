@@ -16,9 +16,9 @@ from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_responses_csv
 from elastid.export.fmu import write_fmu
-from elastid.export.intervals import interval_lines
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
+from elastid.export.numbers import interval_lines
 from elastid.export.observer import Observer, write_observers
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf

@@ -22,7 +22,7 @@ from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
 from elastid.base.files import own_path
-from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
+from elastid.report.page.page import FleetContent, Outcome, write_page_of_fleet
 from elastid.store.files import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member

@@ -7,13 +7,14 @@ with the fitted numbers inserted. Conventions of sign and side: `elastid.model.e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import casadi as ca
 
 from elastid.base.escape import c_comment, one_line
-from elastid.export.intervals import interval_lines
+from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.store.files import replacing, text_file
 
@@ -48,13 +49,11 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
-    paths = []
-    for function in functions(model):
-        path = folder / f"{function.name()}.casadi"
+    built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
+    for path, function in built.items():
         with replacing(path) as temporary:
             function.save(str(temporary))
-        paths.append(path)
-    return (*paths, _coordinates(folder, model))
+    return (*built, _coordinates(folder, model))
 
 
 def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -63,28 +62,37 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
     arguments, results, coordinates and units.
     """
-    generator = ca.CodeGenerator("robot.c", {"with_header": True})
     prefixed = [_prefixed(function) for function in functions(model)]
-    for function in prefixed:
+    sources = c_sources("robot", prefixed)
+    source, header = folder / "robot.c", folder / "robot.h"
+    for path, text in ((source, sources["robot.c"]), (header, _layout(model, prefixed) + sources["robot.h"])):
+        with text_file(path) as file:
+            file.write(text)
+    return source, header, _coordinates(folder, model)
+
+
+def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
+    """The texts of <name>.c and <name>.h with these functions."""
+    generator = ca.CodeGenerator(f"{name}.c", {"with_header": True})
+    for function in functions:
         generator.add(function)
-    folder.mkdir(parents=True, exist_ok=True)
-    generator.generate(f"{folder}/")
-    header = folder / "robot.h"
-    declarations = header.read_text(encoding="utf-8")
-    with text_file(header) as file:
-        file.write(_layout(model, prefixed) + declarations)
-    return folder / "robot.c", header, _coordinates(folder, model)
+    with tempfile.TemporaryDirectory() as temporary:
+        generator.generate(f"{temporary}/")
+        return {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
+
+
+def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
+    """A function whose results have no structural zeros."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
 
 
 def _prefixed(function: ca.Function) -> ca.Function:
-    """A function as robot_<name>, its results dense."""
-    dense = [ca.densify(part) for part in function.call(function.sx_in())]
+    results = [ca.densify(part) for part in function.call(function.sx_in())]
     name = f"robot_{function.name()}"
-    return ca.Function(name, function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True})
+    return ca.Function(name, function.sx_in(), results, function.name_in(), function.name_out(), {"cse": True})
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
-    """The head of robot.h: what each function takes and gives, and what its entries are."""
     units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
     lines = [f"{_equation(model)}, on the link side.", ""]
     for function in prefixed:
@@ -99,7 +107,6 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
 
 
 def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
-    """Name and size of an argument or result."""
     name, size = (function.name_in(i), function.size_in(i)) if is_in else (function.name_out(i), function.size_out(i))
     return f"{name} ({size[0]}{f' x {size[1]}' if size[1] > 1 else ''})"
 
@@ -110,7 +117,7 @@ def _equation(model: FittedRobot) -> str:
 
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
-    """coordinates.txt: the names of the entries of q and u, and what the fit knows of the numbers inside."""
+    """coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
     path = folder / "coordinates.txt"
     with text_file(path) as file:
         file.write(f"{one_line(_equation(model))}, link side, SI\n")

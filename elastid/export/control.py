@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.escape import docstring
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store.files import replacing, text_file
@@ -113,32 +113,27 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     for G in responses:
         place = G.configuration.name
         arrays |= _measured(G) | {f"{place}/inputs": np.array(G.inputs), f"{place}/outputs": np.array(G.outputs)}
-    data, loader = folder / "responses.npz", folder / "load_responses.py"
-    _save(data, arrays)
-    first = responses[0]
-    with text_file(loader) as script:
-        script.write(
-            _RESPONSES_LOADER.format(
-                npz=data.name,
-                label=_LABEL,
-                name=docstring(name),
-                first=docstring(repr(first.configuration.name)),
-                unit=first.unit,
-            )
-        )
-    return data, loader
+    return _written(
+        folder / "responses.npz", arrays, folder / "load_responses.py", _RESPONSES_LOADER, name, responses[0]
+    )
 
 
 def _measured(G: FrequencyResponse) -> dict[str, np.ndarray]:
-    """The arrays of a measured response."""
     place = G.configuration.name
     std = {} if G.uncertainty is None else {f"{place}/std": np.sqrt(G.uncertainty.variance)}
     return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
 
 
-def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with replacing(path) as temporary, temporary.open("wb") as file:
+def _written(
+    data: Path, arrays: dict[str, np.ndarray], loader: Path, text: str, name: str, first: FrequencyResponse
+) -> tuple[Path, Path]:
+    with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
+    example = docstring(repr(first.configuration.name))
+    known = {"npz": data.name, "label": _LABEL, "name": docstring(name), "first": example}
+    with text_file(loader) as script:
+        script.write(text.format(**known, quantity=first.quantity, unit=first.unit))
+    return data, loader
 
 
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -163,17 +158,4 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
     for G in model.measured:
         arrays |= _measured(G)
-    data, loader = folder / "model.npz", folder / "load_model.py"
-    _save(data, arrays)
-    with text_file(loader) as script:
-        script.write(
-            _LOADER.format(
-                npz=data.name,
-                label=_LABEL,
-                name=docstring(model.name),
-                first=docstring(repr(first.configuration.name)),
-                quantity=first.quantity,
-                unit=model.measured[0].unit,
-            )
-        )
-    return data, loader
+    return _written(folder / "model.npz", arrays, folder / "load_model.py", _LOADER, model.name, model.measured[0])

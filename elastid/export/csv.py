@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import csv_cell, file_name
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes
@@ -23,38 +23,24 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store.files import text_file
 
-_COLUMNS = (
-    "configuration",
-    "frequency",
-    "frequency_std",
-    "damping_ratio",
-    "damping_ratio_std",
-    "output",
-    "input",
-    "lines",
-    "misfit",
-)
-
 
 def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Path:
     """One row for each peak of each response; frequencies in Hz, or in units of an unknown sampling rate."""
-    with text_file(path) as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(_COLUMNS)
-        for response, own in zip(responses, peaks, strict=True):
-            for peak in own:
-                numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
-                place = (peak.output, peak.input, peak.lines, peak.misfit)
-                table.writerow(map(csv_cell, (response.configuration.name, *numbers, *place)))
-    return path
+    return _table(path, _peaks(responses, peaks))
+
+
+def _peaks(responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Iterable[Sequence[Any]]:
+    columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "output", "input", "lines", "misfit"
+    yield "configuration", *columns
+    for response, own in zip(responses, peaks, strict=True):
+        for peak in own:
+            numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
+            yield response.configuration.name, *numbers, peak.output, peak.input, peak.lines, peak.misfit
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
-    paths = [
-        _table(folder / "parameters.csv", _parameters(model)),
-        _table(folder / "modes.csv", _modes(model)),
-    ]
+    paths = [_table(folder / "parameters.csv", _parameters(model)), _table(folder / "modes.csv", _modes(model))]
     for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
         fitted = frequency_response(linear, model.theta, G.freq_hz)
         name = G.configuration.name

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import one_line
-from elastid.export.intervals import known_numbers
+from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
@@ -83,63 +83,41 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     CovarianceData; that of fitted is due to the parameters. The script runs in MATLAB and in Octave, and without
     toolboxes as far as they go.
     """
-    content = {
-        "model": _structs([_system(system) for system in model.state_spaces]),
-        "measured": _structs([_with_covariance(G) for G in model.measured]),
-        "fitted": _structs(
-            [
-                _response(G.freq_hz, frequency_response(linear, model.theta, G.freq_hz), G) | _covariance(std**2)
-                for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
-            ]
-        ),
-        "parameters": _structs(
-            [
-                {"name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high, "unit": p.unit}
-                for p in known_numbers(model)
-            ]
-        ),
-    }
+    fitted = [
+        _response(frequency_response(linear, model.theta, G.freq_hz), G, std**2)
+        for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
+    ]
+    numbers = [
+        {"name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high, "unit": p.unit}
+        for p in known_numbers(model)
+    ]
+    measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
+    content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers}
     data, script = folder / "model.mat", folder / "load_model.m"
-    _save(data, content)
-    first = model.measured[0]
-    with text_file(script) as file:
-        file.write(_script(_SCRIPT, data, model.name, first))
-    return data, script
+    return _written(data, content, script, _SCRIPT, model.name, model.measured[0])
 
 
 def write_responses_matlab(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
     """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
     data, script = folder / "responses.mat", folder / "load_responses.m"
-    _save(data, {"measured": _structs([_with_covariance(G) for G in responses])})
-    first = responses[0]
+    return _written(data, {"measured": list(map(_measured, responses))}, script, _RESPONSES_SCRIPT, name, responses[0])
+
+
+def _written(
+    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, text: str, name: str, first: FrequencyResponse
+) -> tuple[Path, Path]:
+    written = io.BytesIO()
+    savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
+    with replacing(data) as temporary:
+        temporary.write_bytes(_HEADING + written.getvalue()[len(_HEADING) :])
+    known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
     with text_file(script) as file:
-        file.write(_script(_RESPONSES_SCRIPT, data, name, first))
+        file.write(text.format(**known, measured=_MEASURED))
     return data, script
 
 
-def _script(text: str, data: Path, name: str, first: FrequencyResponse) -> str:
-    return text.format(mat=data.name, name=one_line(name), quantity=first.quantity, unit=first.unit, measured=_MEASURED)
-
-
-def _save(path: Path, content: dict[str, Any]) -> None:
-    written = io.BytesIO()
-    savemat(written, content, do_compression=True)
-    with replacing(path) as temporary:
-        temporary.write_bytes(_HEADING + written.getvalue()[len(_HEADING) :])
-
-
-def _with_covariance(G: FrequencyResponse) -> dict[str, Any]:
-    """The fields of an idfrd; no covariance where none was measured."""
-    fields = _response(G.freq_hz, G.G, G)
-    if G.uncertainty is None:
-        return fields | {"CovarianceData": np.zeros((0, 0))}
-    return fields | _covariance(G.uncertainty.variance)
-
-
-def _covariance(variance: FloatArray) -> dict[str, Any]:
-    """CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
-    half = np.moveaxis(variance, 0, 2) / 2
-    return {"CovarianceData": half[..., None, None] * np.eye(2)}
+def _measured(G: FrequencyResponse) -> dict[str, Any]:
+    return _response(G.G, G, None if G.uncertainty is None else G.uncertainty.variance)
 
 
 def _system(system: Any) -> dict[str, Any]:
@@ -154,20 +132,22 @@ def _system(system: Any) -> dict[str, Any]:
     }
 
 
-def _response(freq_hz: Any, G: Any, measured: Any) -> dict[str, Any]:
+def _response(G: Any, measured: FrequencyResponse, variance: FloatArray | None) -> dict[str, Any]:
+    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
         "configuration": measured.configuration.name,
         "ResponseData": np.moveaxis(G, 0, 2),
-        "Frequency": freq_hz,
+        "Frequency": measured.freq_hz,
         "FrequencyUnit": "Hz",
         "InputName": np.array(measured.inputs, dtype=object),
         "OutputName": np.array(measured.outputs, dtype=object),
         "Ts": 0.0,
+        "CovarianceData": np.zeros((0, 0)) if half is None else half[..., None, None] * np.eye(2),
     }
 
 
 def _structs(rows: list[dict[str, Any]]) -> Any:
-    """A MATLAB struct array: a structured array with one field a key."""
     array = np.empty((len(rows), 1), dtype=[(key, object) for key in rows[0]])
     for i, row in enumerate(rows):
         array[i, 0] = tuple(row.values())

@@ -6,7 +6,6 @@ joint and of the noise are inside; all torques and angles are on the link side, 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,8 @@ import numpy as np
 
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
+from elastid.export.code import c_sources, dense
+from elastid.export.numbers import c_row
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.store.files import text_file
 
@@ -33,12 +34,7 @@ def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Pa
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers, "joint")
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
-    generator = ca.CodeGenerator("equations.c")
-    for step in steps.values():
-        generator.add(step)
-    with tempfile.TemporaryDirectory() as temporary:
-        generator.generate(f"{temporary}/")
-        equations = (Path(temporary) / "equations.c").read_text(encoding="utf-8")
+    equations = c_sources("equations", steps.values())["equations.c"]
     source, header = folder / "observer.c", folder / "observer.h"
     with text_file(source) as file:
         file.write(equations + '\n#include "observer.h"\n')
@@ -54,11 +50,10 @@ def _step(name: str, observer: Observer) -> ca.Function:
     step = filter_step(observer.joint, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.joint, observer.rate_hz))
-    return ca.Function(f"{name}_step", [x, P, u, g, y], [ca.densify(each) for each in results], {"cse": True})
+    return dense(f"{name}_step", [x, P, u, g, y], results)
 
 
 def _functions(name: str, observer: Observer, step: ca.Function) -> str:
-    """The C functions of a joint around its step."""
     start = first_estimate(observer.joint, 0.0)
     n = len(start.x)
     angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
@@ -66,8 +61,8 @@ def _functions(name: str, observer: Observer, step: ca.Function) -> str:
     moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{n * n}], double angle, double load) {{
-  static const double x_start[{n}] = {_row(start.x.tolist())};
-  static const double P_start[{n * n}] = {_row(start.P.ravel().tolist())};
+  static const double x_start[{n}] = {c_row(start.x)};
+  static const double P_start[{n * n}] = {c_row(start.P.ravel())};
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
   for (int i = 0; i < {n * n}; i++) P[i] = P_start[i];
   (void)load;
@@ -87,7 +82,6 @@ void {name}_follow(double x[{n}], double P[{n * n}], double torque, double load,
 
 
 def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -> str:
-    """observer.h, with the states of each joint."""
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
@@ -109,7 +103,6 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
 
 
 def _starts(joint: FollowedJoint) -> str:
-    """The followed numbers before the first sample, with their bands."""
     start, bands = first_estimate(joint, 0.0), []
     std = np.sqrt(np.diag(start.P))
     for i, state in enumerate(joint.states):
@@ -118,7 +111,3 @@ def _starts(joint: FollowedJoint) -> str:
             low, high = ends if state == "offset" else np.exp(ends)
             bands.append(f"{state} {low:.4g} to {high:.4g}")
     return ", ".join(bands)
-
-
-def _row(values: list[float]) -> str:
-    return "{" + ", ".join(repr(value) for value in values) + "}"

@@ -33,9 +33,8 @@ def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -
     try:
         import pyuff
     except ImportError:
-        raise StudyError(
-            "universal files are written by pyuff, which is not installed: pip install 'elastid[uff]', or export to csv"
-        ) from None
+        missing = "universal files are written by pyuff, which is not installed"
+        raise StudyError(f"{missing}: pip install 'elastid[uff]', or export to csv") from None
     nodes = numbered(place for response in responses for place in (*response.outputs, *response.inputs))
     folder.mkdir(parents=True, exist_ok=True)
     paths = []

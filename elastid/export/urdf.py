@@ -8,7 +8,6 @@ file names them, with the targets that carry them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -17,13 +16,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused, xml_comment
-from elastid.export.intervals import interval_lines
+from elastid.export.numbers import in_full, interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store.files import text_file
-
-# What the format asks for where a robot's file has no limit.
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -65,7 +62,8 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
     axis_pose = pose @ _matrix(body.placement)
-    joints = [joint for joint in body.joints if _moves(joint)]
+    # Those that are elastic alone are rigid here.
+    joints = [joint for joint in body.joints if joint.motor is not None or joint.is_passive]
     names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):
         to_axis = _shift(np.array(joint.point, dtype=float))
@@ -88,54 +86,53 @@ def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
     return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 
 
-def _moves(joint: Joint) -> bool:
-    """True if a joint moves in the rigid robot: driven or passive, and not elastic alone."""
-    return joint.motor is not None or joint.is_passive
-
-
 def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: FloatArray) -> None:
     low, high = joint.limits.angle
     is_limited = joint.slides or math.isfinite(low) or math.isfinite(high)
     kind = "prismatic" if joint.slides else "revolute" if is_limited else "continuous"
-    element = ET.SubElement(root, "joint", name=joint.name, type=kind)
-    _pose(element, pose)
-    ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=child)
-    ET.SubElement(element, "axis", xyz=_numbers(unit_axis(joint.axis)))
+    element = _joint_element(root, joint.name, kind, parent, child, pose)
+    ET.SubElement(element, "axis", xyz=in_full(unit_axis(joint.axis)))
     limits = {"effort": joint.limits.torque, "velocity": joint.limits.velocity}
     limits |= {"lower": low, "upper": high} if is_limited else {}
-    ET.SubElement(element, "limit", {key: _number(_finite(value)) for key, value in limits.items()})
+    # The format asks for limits where a robot's file has none.
+    finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
+    ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
     viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.ratio**2 * joint.motor.viscous)
     places = (f"motor {joint.name}", f"joint {joint.name}")
     coulomb = sum(float(law.curve()[0]) for law in frictions(robot) if law.place in places)
-    ET.SubElement(element, "dynamics", damping=_number(viscous), friction=_number(coulomb))
+    ET.SubElement(element, "dynamics", damping=repr(float(viscous)), friction=repr(float(coulomb)))
 
 
 def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
     taken = [joint.get("name", "") for joint in root.iter("joint")]
-    element = ET.SubElement(root, "joint", name=unused(f"{name} fixed", taken), type="fixed")
+    _joint_element(root, unused(f"{name} fixed", taken), "fixed", parent, child, pose)
+
+
+def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: FloatArray) -> ET.Element:
+    element = ET.SubElement(root, "joint", name=name, type=kind)
     _pose(element, pose)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
+    return element
 
 
 def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
-    """Mass and inertia in the axes of the body."""
     element = ET.SubElement(link, "inertial")
     _pose(element, pose @ _shift(np.array(body.center_of_mass, dtype=float)))
-    ET.SubElement(element, "mass", value=_number(body.mass))
+    ET.SubElement(element, "mass", value=repr(float(body.mass)))
     I = body.inertia_matrix  # noqa: E741
-    entries = {f"i{a}{b}": _number(I["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    entries = {
+        f"i{a}{b}": repr(float(I["xyz".index(a), "xyz".index(b)])) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+    }
     ET.SubElement(element, "inertia", entries)
 
 
 def _pose(element: ET.Element, pose: FloatArray) -> None:
     placement = Placement.of(pose[:3, :3], pose[:3, 3])
-    ET.SubElement(element, "origin", xyz=_numbers(placement.xyz), rpy=_numbers(placement.rpy))
+    ET.SubElement(element, "origin", xyz=in_full(placement.xyz), rpy=in_full(placement.rpy))
 
 
 def _matrix(placement: Placement) -> FloatArray:
-    """A placement as a homogeneous matrix (4, 4)."""
     pose = _shift(np.array(placement.xyz, dtype=float))
     pose[:3, :3] = placement.rotation
     return pose
@@ -148,21 +145,7 @@ def _shift(by: FloatArray) -> FloatArray:
 
 
 def _left_out(robot: Robot) -> str:
-    """The parts of the model that the file does not carry."""
     springs = [joint.name for joint in robot.joints if joint.spring is not None]
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []
-    listed = "; ".join(part for part in parts if part)
-    return f"{robot.name}, rigid. Left out: {listed}. Targets mujoco, fmu, casadi, c have them."
-
-
-def _finite(value: float) -> float:
-    return math.copysign(min(abs(value), 1e6), value)
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(_number(value) for value in values)
-
-
-def _number(value: float) -> str:
-    return repr(float(value))
+    return f"{robot.name}, rigid. Left out: {'; '.join(filter(None, parts))}. Targets mujoco, fmu, casadi, c have them."

@@ -78,10 +78,7 @@ class ReportContent:
 
 @dataclass(frozen=True)
 class ResponsesContent:
-    """Measured responses and the peaks of each, with the text of the study and the provenance that the page shows.
-
-    friction: what was taken out of the responses.
-    """
+    """Measured responses, the peaks of each, friction taken out of them, the text of the study and its provenance."""
 
     title: str
     responses: tuple[FrequencyResponse, ...]

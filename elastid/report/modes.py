@@ -103,7 +103,6 @@ class ModeRow:
     drawing: ModeDrawing | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         n_m = len(self.frequency_hz)
         for names, values in ((self.coordinates, self.shapes), (self.stores, self.energy)):
             if names and values.shape != (len(names), n_m):
@@ -111,10 +110,7 @@ class ModeRow:
 
     @property
     def modes(self) -> list[tuple[float, float, float, float, str, str]]:
-        """Mode by mode: frequency, its std, damping ratio, its std, energy by spring, coordinates that move most.
-
-        NaN where a standard deviation is not known.
-        """
+        """By mode frequency, std, damping ratio, std (NaN: unknown), energy by spring, coordinates that move most."""
         unknown = [np.nan] * len(self.frequency_hz)
         columns = (self.frequency_hz, self.frequency_std, self.damping_ratio, self.damping_std)
         numbers = [list(column) if len(column) else unknown for column in columns]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.display import number, percent
-from elastid.fit.result import FitResult, ModificationIndex
+from elastid.fit.result import FitResult
 from elastid.report.content import ParameterRow, ReportContent
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
@@ -126,14 +126,14 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     if not judged:
         return ""
     kind = "springs and dampers" if any(row.name.startswith(("k", "d")) for row in judged) else "numbers"
-    limit = next((w for w in WIDTH_CLASSES if sum(half_width(r) <= w for r in judged) >= len(judged) / 2), math.inf)
-    most = half_width(max(judged, key=half_width))
-    if most <= WIDTH_CLASSES[-1]:
-        return f"{len(judged)} of {len(judged)} {kind} known to {percent(most)} or better"
-    if not math.isfinite(limit):
-        return f"most of {len(judged)} {kind} known no better than to {percent(WIDTH_CLASSES[-1])}"
-    within = sum(half_width(row) <= limit for row in judged)
-    return f"{within} of {len(judged)} {kind} known to {percent(limit)} or better"
+    widths = [half_width(row) for row in judged]
+    if max(widths) <= WIDTH_CLASSES[-1]:
+        return f"{len(judged)} of {len(judged)} {kind} known to {percent(max(widths))} or better"
+    for limit in WIDTH_CLASSES:
+        within = sum(width <= limit for width in widths)
+        if within >= len(judged) / 2:
+            return f"{within} of {len(judged)} {kind} known to {percent(limit)} or better"
+    return f"most of {len(judged)} {kind} known no better than to {percent(WIDTH_CLASSES[-1])}"
 
 
 def _of_truth(rows: Sequence[ParameterRow]) -> str:
@@ -142,33 +142,31 @@ def _of_truth(rows: Sequence[ParameterRow]) -> str:
     return f"{inside} of {len(known)} true values inside their intervals" if known else ""
 
 
+def elements_of(agreement: Agreement) -> list[str]:
+    """In the order of its arrays, row by row."""
+    return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
+
+
 def strip(agreements: Sequence[Agreement]) -> Strip:
     """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
     known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
-    rows = tuple((agreement.configuration, _cells(q, agreement, known)) for q, agreement in enumerate(agreements))
+    rows = []
+    for q, agreement in enumerate(agreements):
+        values = agreement.rms_sigma if known else agreement.rms_log_db
+        cells = tuple(Cell(q, k, name, float(values.flat[k])) for k, name in enumerate(elements_of(agreement)))
+        rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
-    return Strip(rows, "residual / noise" if known else "error, dB", worst)
-
-
-def _cells(q: int, agreement: Agreement, known: bool) -> tuple[Cell, ...]:
-    values = agreement.rms_sigma if known else agreement.rms_log_db
-    elements = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
-    return tuple(Cell(q, k, name, float(values.flat[k])) for k, name in enumerate(elements))
-
-
-def _first_index(result: FitResult) -> ModificationIndex | None:
-    return next((index for index in result.indices if index.place == 1), None)
+    return Strip(tuple(rows), "residual / noise" if known else "error, dB", worst)
 
 
 def excess_sentence(result: FitResult) -> str:
     """The first number that would explain the residuals beyond the noise; empty without a large share."""
-    first = _first_index(result)
+    first = next((index for index in result.indices if index.place == 1), None)
     if first is None or first.share < 0.1:
         return ""
-    change = ""
-    if len(first.values) == 1 and first.values[0]:
-        change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %"
+    has_change = len(first.values) == 1 and first.values[0]
+    change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %" if has_change else ""
     return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {first.name}{change}."
 
 
@@ -219,17 +217,15 @@ def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[
     if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
         candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(content, poor)]
     actions = [action for action in candidates if action is not None]
-    if not actions:
-        actions = [Action("Use the numbers.", "No interval or residual asks for another measurement.")]
-    return tuple(actions[: ADVICE.actions])
+    none_needed = Action("Use the numbers.", "No interval or residual asks for another measurement.")
+    return tuple(actions[: ADVICE.actions] or [none_needed])
 
 
-def commands(content: ReportContent) -> tuple[tuple[str, str], ...]:
-    """Meaning and command line of exports; the study is the one in the run folder."""
-    return tuple(
-        (words, f"elastid export study.yml --run . --to {target}")
-        for words, target in (("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
-    )
+# Meaning and command line of exports; the study is the one in the run folder.
+COMMANDS = tuple(
+    (words, f"elastid export study.yml --run . --to {target}")
+    for words, target in (("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
+)
 
 
 def _action_of_status(result: FitResult) -> Action | None:
@@ -240,17 +236,13 @@ def _action_of_status(result: FitResult) -> Action | None:
 
 
 def _of_residuals(result: FitResult) -> Action | None:
-    first = _first_index(result)
-    if first is None or not excess_sentence(result):
-        return _of_structure(result)
-    if not first.members:
-        return Action(f"Check the reading “{first.name}”.", excess_sentence(result))
-    text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {ADVICE.prior_std}}}}}"
-    return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess_sentence(result), text)
-
-
-def _of_structure(result: FitResult) -> Action | None:
-    """Where the residuals exceed the noise and no number explains them: another model."""
+    """The number that explains them, else, where they exceed the noise, another model."""
+    first, excess = next((index for index in result.indices if index.place == 1), None), excess_sentence(result)
+    if first is not None and excess:
+        if not first.members:
+            return Action(f"Check the reading “{first.name}”.", excess)
+        text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {ADVICE.prior_std}}}}}"
+        return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:
         return None
     advice = "Declare further joints as elastic, and let the search find those that the data show."
@@ -271,12 +263,13 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
         for p, parameter in enumerate(result.parameters.free)
     ]
     best = int(np.argmax(gains))
-    if 1 - np.sqrt(max(1 - gains[best], 0.0)) < ADVICE.gain:
+    left = np.sqrt(max(1 - gains[best], 0.0))
+    if 1 - left < ADVICE.gain:
         return None
-    narrowed = half_width(poor) * np.sqrt(max(1 - gains[best], 0.0))
+    before, after = percent(half_width(poor)), percent(half_width(poor) * left)
     return Action(
         f"Give {names[best]} a prior of {percent(ADVICE.prior_std)}.",
-        f"The interval of {poor.name} would go from ±{percent(half_width(poor))} to ±{percent(narrowed)}.",
+        f"The interval of {poor.name} would go from ±{before} to ±{after}.",
         f"fit.parameters.{names[best]}: {{prior: {{std: {ADVICE.prior_std}}}}}",
     )
 
@@ -289,18 +282,16 @@ def _of_experiments(content: ReportContent, poor: ParameterRow) -> Action | None
         return None
     q = int(np.nanargmax(result.share[:, column]))
     share, name = float(result.share[q, column]), result.configurations[q]
-    narrowed = half_width(poor) / np.sqrt(1 + share)
+    before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
     return Action(
         f"Measure twice as long in “{name}”{_realisations(content, name)}.",
-        f"It holds {percent(share)} of the information on {poor.name}: ±{percent(half_width(poor))} would become "
-        f"±{percent(narrowed)}.",
+        f"It holds {percent(share)} of the information on {poor.name}: ±{before} would become ±{after}.",
     )
 
 
 def _realisations(content: ReportContent, name: str) -> str:
     if content.plan is None:
         return ""
-    for configuration, count in zip(content.plan.configurations, content.plan.realisations, strict=True):
-        if configuration.name == name:
-            return f" ({2 * count} realisations instead of {count})"
-    return ""
+    names = [configuration.name for configuration in content.plan.configurations]
+    count = dict(zip(names, content.plan.realisations, strict=True)).get(name)
+    return "" if count is None else f" ({2 * count} realisations instead of {count})"

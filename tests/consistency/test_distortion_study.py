@@ -9,7 +9,7 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import MisfitError
-from elastid.report.figures.response_quality import levels
+from elastid.report.figures.responses import levels
 from elastid.response import FrequencyResponse, Levels
 from elastid.store.measured import read_plan, read_responses
 from elastid.study import load

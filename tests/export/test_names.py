@@ -21,10 +21,10 @@ from elastid.base.errors import StudyError
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_responses_csv
-from elastid.export.fmu.unit import unit_sources, write_fmu
-from elastid.export.intervals import interval_lines
+from elastid.export.fmu import unit_sources, write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
+from elastid.export.numbers import interval_lines
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot

@@ -17,7 +17,7 @@ from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
-from elastid.report.figures.response_quality import coherence, levels
+from elastid.report.figures.responses import coherence, levels
 from elastid.store.measured import read_configurations, write_records
 
 

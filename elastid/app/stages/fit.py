@@ -12,7 +12,7 @@ from elastid.app.summaries import as_json, failure, interrupted, modes_of, summa
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.export.intervals import lines_of
+from elastid.export.numbers import lines_of
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult

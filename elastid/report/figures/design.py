@@ -45,8 +45,7 @@ def information(forecast: Forecast) -> Figure:
     style.set_names(left.yaxis, names)
     right.tick_params(labelleft=False)
     style.label(right, title="share of the information on a parameter in %")
-    style.add_title(figure, "Expected information by configuration")
-    return figure
+    return style.finish(figure, "Expected information by configuration")
 
 
 def _in_bands(freq_hz: FloatArray, share: FloatArray, edges: FloatArray) -> FloatArray:
@@ -86,8 +85,7 @@ def configuration_sketches(robot: Robot, configurations: Sequence[Configuration]
         axes.locator_params(nbins=3)
         axes.set_title(style.plain(f"{configuration.name}\n{caption}"), fontsize=style.SMALL, pad=-2)
     figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.65 / height, bottom=0.03, wspace=0.1, hspace=0.25)
-    style.add_title(figure, "Configurations (m; orange: to a centre of mass, green: rods and struts)")
-    return figure
+    return style.finish(figure, "Configurations (m; orange: to a centre of mass, green: rods and struts)")
 
 
 def excitation(plan: Plan) -> Figure:
@@ -106,15 +104,12 @@ def excitation(plan: Plan) -> Figure:
         time.axhline(np.sqrt(np.mean(torque[:, j] ** 2)), color=style.FITTED, lw=0.8, ls="--")
         time.set_xlim(0, t[-1])
         style.label_row(time, name)
-        for axes in (spectrum, time):
-            style.lighten(axes)
     style.set_log_frequency(panels[0, 0], plan.freq_hz)
     style.label(panels[0, 0], title="amplitude of the lines in N·m")
     style.label(panels[0, 1], title="torque in N·m (dashed: rms)")
     style.label(panels[-1, 0], x="frequency in Hz")
     style.label(panels[-1, 1], x="time in s")
-    style.add_title(figure, f"Excitation: {experiment.name}")
-    return figure
+    return style.finish(figure, f"Excitation: {experiment.name}", panels.flat)
 
 
 def limit_use(use: LimitUse) -> Figure:
@@ -129,8 +124,7 @@ def limit_use(use: LimitUse) -> Figure:
         style.set_names(axes.xaxis, motors)
         style.set_names(axes.yaxis, use.configurations if axes is across[0] else ())
         style.label(axes, x="motor", title=f"{QUANTITIES[kind]} in % of its limit")
-    style.add_title(figure, f"Peaks against limits ({use.margin:.0%} of each kept free)")
-    return figure
+    return style.finish(figure, f"Peaks against limits ({use.margin:.0%} of each kept free)")
 
 
 def nearest_run_signals(run: Rehearsal, use: LimitUse, plan: Plan | None) -> Figure:
@@ -147,14 +141,13 @@ def nearest_run_signals(run: Rehearsal, use: LimitUse, plan: Plan | None) -> Fig
                 _shade_unmeasured(axes, t, plan)
             axes.plot(*_thinned(t, signals[kind, :, i]), color=style.MEASURED, lw=0.6)
             _draw_limit(axes, float(np.abs(signals[kind, :, i]).max()), float(limit[kind, i]), use.margin)
-            style.lighten(axes)
         style.label_row(panels[i, -1], name)
     for first, last, kind in zip(panels[0], panels[-1], kinds, strict=True):
         style.label(first, title=f"{QUANTITIES[kind]} in {style.pretty_unit(UNITS[kind])}")
         style.label(last, x="time in s")
         last.set_xlim(t[0], t[-1])
-    style.add_title(figure, f"The run nearest to a limit: {run.experiment.name} (position about the configuration)")
-    return figure
+    title = f"The run nearest to a limit: {run.experiment.name} (position about the configuration)"
+    return style.finish(figure, title, panels.flat)
 
 
 def _shade_unmeasured(axes: Axes, t: FloatArray, plan: Plan) -> None:

@@ -1,10 +1,11 @@
-"""The catalogue of figures of an elastic study and of responses, in the order in which they are read."""
+"""The catalogue of figures of each kind of study, in the order in which they are read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,32 +13,16 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import ReportContent, parameter_rows
-from elastid.report.figures.design import (
-    configuration_sketches,
-    excitation,
-    information,
-    limit_use,
-    nearest_run_signals,
-)
-from elastid.report.figures.fit import forest, identifiability, modification_shares, multistart_costs
-from elastid.report.figures.friction import friction_curves
-from elastid.report.figures.modes import mode_shapes, mode_sketches
-from elastid.report.figures.response_quality import coherence, levels
-from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
-from elastid.report.figures.validation import (
-    RUN_CAPTION,
-    TORQUE_CAPTION,
-    left_out_errors,
-    model_errors,
-    replay_signals,
-    torque_balance_figure,
-    twin_run_figure,
-)
+from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
+from elastid.report.figures import design, fit, friction, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.twin_run import TORQUE, TwinRun
+from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
+
+if TYPE_CHECKING:
+    from elastid.friction_study.follow import FollowedFriction
+    from elastid.friction_study.result import FrictionResult, JointFriction
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -63,60 +48,61 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
-        yield Drawing("parameters", "parameters", caption, partial(forest, rows), on_page=False)
+        yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
     judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
-        yield Drawing("errors", "validation", caption, partial(model_errors, content.validation), on_page=False)
+        yield Drawing(
+            "errors", "validation", caption, partial(validation.model_errors, content.validation), on_page=False
+        )
     if content.twin.balances:
         worst = max(content.twin.balances, key=lambda balance: balance.left)
-        caption = f"{worst.place}, {worst.log}: {TORQUE_CAPTION}"
-        yield Drawing("torque", "torque", caption, partial(torque_balance_figure, worst), on_page=False)
+        caption = f"{worst.place}, {worst.log}: {validation.TORQUE_CAPTION}"
+        yield Drawing("torque", "torque", caption, partial(validation.torque_balance_figure, worst), on_page=False)
     yield from twin_drawings(content.twin.runs)
     yield from friction_drawings(content.friction, content.robot)
     yield from (replace(drawing, on_page=False) for drawing in _configurations(content))
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
-        yield Drawing("comparison", "comparison", caption, partial(left_out_errors, content.comparison))
+        yield Drawing("comparison", "comparison", caption, partial(validation.left_out_errors, content.comparison))
     if content.result.starts:
         caption = "Cost at which every start of the fit ended."
         differ = content.result.hits < len(content.result.starts)  # else a sentence of the page says it
-        yield Drawing("multistart", "fit", caption, partial(multistart_costs, content.result), on_page=differ)
+        yield Drawing("multistart", "fit", caption, partial(fit.multistart_costs, content.result), on_page=differ)
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
-        yield Drawing("identifiability", "fit", caption, partial(identifiability, content.result))
+        yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
     if any(not index.place for index in content.result.indices):
         caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
-        yield Drawing("modification_indices", "why", caption, partial(modification_shares, content.result))
+        yield Drawing("modification_indices", "why", caption, partial(fit.modification_shares, content.result))
     yield from _plan(content)
     yield from _limits(content)
     if content.plan is not None:
         caption = "Torque injected in the first experiment."
-        yield Drawing("excitation", "excitation", caption, partial(excitation, content.plan), on_page=False)
+        yield Drawing("excitation", "excitation", caption, partial(design.excitation, content.plan), on_page=False)
 
 
 def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
     """Of each run that was not lost, the motor whose torque is furthest off."""
     for i, run in enumerate(run for run in runs if run.signals):
         motor = max(run.of(TORQUE), key=lambda signal: signal.error).place
-        caption = f"{run.log}, {motor}: {RUN_CAPTION}"
-        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(twin_run_figure, run, motor), on_page=False)
+        caption = f"{run.log}, {motor}: {validation.RUN_CAPTION}"
+        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(validation.twin_run_figure, run, motor), on_page=False)
 
 
-def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
+def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
     """Of friction that was searched for in records, with that of the robot's file; none where it could not be."""
-    if friction is not None and friction.configurations:
+    if taken_out is not None and taken_out.configurations:
         caption = (
             "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "
             "that alone (link side), with F_c of the robot's file where it has one; amplitude of the torque that no "
             "response explains, with friction and without."
         )
-        yield Drawing("friction", "friction", caption, partial(friction_curves, friction, robot))
+        yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    """Responses, replay, modes and quality of the measurement, configuration by configuration."""
-    modes = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
+    mode_rows = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
     replays = {replay.configuration: replay for replay in content.validation.replays}
     left_out = {agreement.configuration for agreement in content.validation.left_out}
     model_std = content.model_std or (None,) * len(content.frf)
@@ -124,16 +110,16 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
     for file, (measured, modelled), std, model in zip(files, content.frf, model_std, dense, strict=True):
         name = measured.configuration.name
-        title = configuration_title(measured, name in left_out)
+        title = responses.configuration_title(measured, name in left_out)
         yield from response_drawings(file, measured, modelled, title, std, model)
         if name in replays:
             caption = (
                 "the record with the worst fit, and the model under the measured torque; right: enlarged where the "
                 "error is largest."
             )
-            yield of_configuration(name, f"{file}-replay", caption, partial(replay_signals, replays[name]))
-        if name in modes:
-            yield _modes(file, modes[name], title, measured.rate_is_known)
+            yield of_configuration(name, f"{file}-replay", caption, partial(validation.replay_signals, replays[name]))
+        if name in mode_rows:
+            yield _modes_drawing(file, mode_rows[name], title, measured.rate_is_known)
         yield from quality_drawings(file, measured, title)
 
 
@@ -147,33 +133,47 @@ def response_drawings(
 ) -> Iterator[Drawing]:
     """Magnitude, phase and singular values; std: of the model; dense: model and std on lines of its own."""
     compared = "" if modelled is None else ", measured and modelled"
-    shown = measured, modelled, title
     model = modelled if dense is None else dense[0]
+    magnitude = partial(responses.frf_magnitude, measured, modelled, title, std, dense)
+    phase, singular = (
+        partial(draw, measured, model, title) for draw in (responses.frf_phase, responses.singular_values)
+    )
     for kind, quantity, draw in (
-        ("magnitude", "magnitude of the frequency responses", partial(frf_magnitude, *shown, std, dense)),
-        ("phase", "phase of the frequency responses", partial(frf_phase, measured, model, title)),
-        ("singular-values", "singular values of the response matrix", partial(singular_values, measured, model, title)),
+        ("magnitude", "magnitude of the frequency responses", magnitude),
+        ("phase", "phase of the frequency responses", phase),
+        ("singular-values", "singular values of the response matrix", singular),
     ):
-        drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{quantity}{compared}.", draw)
-        yield replace(drawing, on_page=False)
+        yield of_configuration(measured.configuration.name, f"{file}-{kind}", f"{quantity}{compared}.", draw, False)
 
 
-def of_configuration(configuration: str, name: str, caption: str, draw: Callable[[], Figure]) -> Drawing:
+def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
+    """The figures of measured responses without a model, to be drawn."""
+    yield from friction_drawings(content.friction)
+    files = file_names([response.configuration.name for response in content.responses], "frf")
+    for file, response in zip(files, content.responses, strict=True):
+        title = responses.configuration_title(response, left_out=False)
+        yield from response_drawings(file, response, None, title)
+        yield from quality_drawings(file, response, title)
+
+
+def of_configuration(
+    configuration: str, name: str, caption: str, draw: Callable[[], Figure], on_page: bool = True
+) -> Drawing:
     """A figure of one configuration."""
-    return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw)
+    return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
 
 
-def _modes(file: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
+def _modes_drawing(file: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
     """As sketches of the robot; as bars where it has no extent, or none of its points moves."""
     if row.drawing is None:
         caption = "shapes of the modes of the identified model, motors free."
-        draw = partial(mode_shapes, row, title, rate_is_known)
+        draw = partial(modes.mode_shapes, row, title, rate_is_known)
     else:
         caption = (
             "the modes of the identified model, motors free. Grey: at rest; blue and orange: the two ends of the "
             "swing, enlarged to one size; motors, behind their gears, are not drawn."
         )
-        draw = partial(mode_sketches, row, row.drawing, title, rate_is_known)
+        draw = partial(modes.mode_sketches, row, row.drawing, title, rate_is_known)
     return of_configuration(row.configuration, f"{file}-modes", caption, draw)
 
 
@@ -183,35 +183,109 @@ def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iter
     if quality is None:
         return
     caption = "levels of the outputs, of their nonlinear distortion and of noise."
-    yield of_configuration(name, f"{file}-levels", caption, partial(levels, measured, quality, title))
+    yield of_configuration(name, f"{file}-levels", caption, partial(responses.levels, measured, quality, title))
     caption = "share of each output that no input explains; singular values of responses and inputs."
-    yield of_configuration(name, f"{file}-coherence", caption, partial(coherence, measured, quality, title))
+    yield of_configuration(name, f"{file}-coherence", caption, partial(responses.coherence, measured, quality, title))
 
 
 def _plan(content: ReportContent) -> Iterator[Drawing]:
-    """Expected information and configurations."""
     if content.forecast is not None:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
-        yield Drawing("information", "plan", caption, partial(information, content.forecast))
+        yield Drawing("information", "plan", caption, partial(design.information, content.forecast))
     if content.robot is not None and content.plan is not None:
         configurations = content.plan.configurations
         angles = [", ".join(f"{a:.0f}°" for a in np.degrees(c.angles)) for c in configurations]
         counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
         caption = "The robot in each configuration; driven joints' angles."
-        draw = partial(configuration_sketches, content.robot, configurations, counts)
+        draw = partial(design.configuration_sketches, content.robot, configurations, counts)
         yield Drawing("configurations", "plan", caption, draw, on_page=False)
 
 
 def _limits(content: ReportContent) -> Iterator[Drawing]:
-    """Use of the robot's limits by the plan."""
     if content.limit_use is None or not np.isfinite(content.limit_use.limit).any():
         return
     caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
-    yield Drawing("peaks", "plan", caption, partial(limit_use, content.limit_use))
+    yield Drawing("peaks", "plan", caption, partial(design.limit_use, content.limit_use))
     if content.nearest_run is not None:
         caption = (
             f"The run that comes closest to a limit, on the nominal robot (dashed: limit; "
             f"shaded: the {content.limit_use.margin:.0%} of it that are kept free; grey: not measured)."
         )
-        draw = partial(nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
+        draw = partial(design.nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
         yield Drawing("limits", "plan", caption, draw, on_page=False)
+
+
+# Begins the section of a figure of one joint.
+JOINT = "joint "
+# File-safe name and caption of a figure, and the function that draws it.
+Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
+
+
+def friction_study_drawings(
+    result: FrictionResult, filters: Sequence[FollowedFriction] = (), twin: TwinFindings = NO_TWIN
+) -> Iterator[Drawing]:
+    """The figures of all joints, and of the twin along their logs, to be drawn."""
+    yield from twin_drawings(twin.runs)
+    files = file_names([joint.joint for joint in result.joints], "friction")
+    for file, joint in zip(files, result.joints, strict=True):
+        followed = [tracked for tracked in filters if tracked.joint == joint.joint]
+        explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
+        draws = [partial(validation.torque_balance_figure, balance) for balance in explained]
+        torques: list[Named] = [("torque", validation.TORQUE_CAPTION, draw) for draw in draws]
+        for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
+            yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
+
+
+def _of_joint(joint: JointFriction) -> Iterator[Named]:
+    from elastid.report.figures import friction_records  # brings SciPy, for studies of friction alone
+
+    law, place = joint.static, f"joint {joint.joint}"
+    if law is not None:
+        caption = (
+            "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
+            "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
+        )
+        yield "curve", caption, partial(friction.friction_curve, law)
+        if friction.conditions_of(law):
+            caption = "levels over load or temperature at a few speeds, brought to one other condition by the law."
+            yield "conditions", caption, partial(friction.friction_conditions, law)
+    yield from _of_records(joint)
+    if joint.at_rest is not None:
+        caption = "stiffness and damping of the bristles at rest, by amplitude, and extrapolated to none."
+        yield "at-rest", caption, partial(friction_records.friction_at_rest, place, joint.at_rest, joint.slides)
+    if joint.thermal is not None and joint.warm_up is not None:
+        caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
+        draw = partial(friction_records.friction_warm_up, place, joint.warm_up, joint.thermal, law, joint.slides)
+        yield "warm-up", caption, draw
+
+
+def _of_filter(followed: FollowedFriction) -> Named:
+    from elastid.report.figures import friction_records
+
+    caption = (
+        "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
+        "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
+        f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
+    )
+    return "filter", caption, partial(friction_records.friction_filter, followed)
+
+
+def _of_records(joint: JointFriction) -> Iterator[Named]:
+    from elastid.friction_study.passes import passes_of
+    from elastid.report.figures import friction_records
+
+    if joint.levels is not None and joint.example is not None:
+        caption = (
+            "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "
+            "what it leaves."
+        )
+        yield "pass", caption, partial(friction_records.friction_pass, passes_of(joint.example), joint.levels)
+    if joint.motion is not None:
+        caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
+        yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
+    if joint.presliding is not None and joint.loops is not None:
+        caption = (
+            "hysteresis before the joint slides, measured and replayed by Maxwell slip elements; torque k D of each "
+            "threshold D; error of parts of the log that were left out of the fit, by number of elements."
+        )
+        yield "loops", caption, partial(friction_records.friction_loops, joint.loops, joint.presliding, joint.slides)

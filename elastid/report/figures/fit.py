@@ -9,13 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.fit.result import FitResult
 from elastid.report.content import ParameterRow
 from elastid.report.figures import style
 
 # Inches: the panel of singular values is so wide, and so far from the matrix.
 VALUES_WIDTH, GAP = 3.2, 1.5
+# The percent axis ends there at most, and has so many steps to a side before it has decades only.
+MAX_PERCENT, MAX_STEPS = 300.0, 4
 
 
 def multistart_costs(result: FitResult) -> Figure:
@@ -39,37 +41,34 @@ def multistart_costs(result: FitResult) -> Figure:
     style.set_plain_ticks(axes.xaxis, rank[:: math.ceil(len(rank) / 10)].tolist())
     axes.set_xlim(0.3, len(cost) + 0.7)
     style.label(axes, x="start, sorted by cost", y="cost V")
-    style.finish(figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,))
-    return figure
+    return style.finish(
+        figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,)
+    )
 
 
 def identifiability(result: FitResult) -> Figure:
     """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
-    r, names = result.correlation, result.parameters.free_names
+    r, s, names = result.correlation, result.singular_values, result.parameters.free_names
     side = float(np.clip(0.27 * len(r), 2.4, 7.0))
     letters = 0.25 + 0.075 * max(map(len, names))
     left, top, bottom = letters + 0.1, 0.75, max(letters, 0.55)
     width, height = left + side + GAP + VALUES_WIDTH + 0.3, top + side + bottom
     figure = Figure(figsize=(width, height))
-
-    def axes_at(x: float, wide: float) -> Axes:
-        return figure.add_axes((x / width, bottom / height, wide / width, side / height))
-
-    matrix, values = axes_at(left, side), axes_at(left + side + GAP, VALUES_WIDTH)
+    matrix, values, scale = (
+        figure.add_axes((x / width, bottom / height, wide / width, side / height))
+        for x, wide in ((left, side), (left + side + GAP, VALUES_WIDTH), (left + side + 0.1, 0.1))
+    )
     _draw_correlations(matrix, r, names, min(style.SMALL, 72 * side / len(r) * 0.8))
-    bar = figure.colorbar(matrix.images[0], cax=axes_at(left + side + 0.1, 0.1))
+    bar = figure.colorbar(matrix.images[0], cax=scale)
     bar.ax.tick_params(labelsize=style.SMALL, length=2)
     style.label(matrix, title="correlation of the estimates")
-    s = result.singular_values
     values.plot(np.arange(1, len(s) + 1), s, ls="none", marker="o", ms=4.5, color=style.MEASURED)
     if np.all(s > 0):
         style.set_log_values(values, float(s[-1]), float(s[0]))
     style.set_plain_ticks(values.xaxis, list(range(1, len(s) + 1, math.ceil(len(s) / 10))))
     condition = s[0] / s[-1] if s[-1] > 0 else math.inf
     style.label(values, x="number", title=f"singular values, condition {condition:.3g}")
-    style.lighten(values)
-    style.add_title(figure, "How well the data determine the parameters")
-    return figure
+    return style.finish(figure, "How well the data determine the parameters", (values,))
 
 
 def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: float) -> None:
@@ -83,58 +82,33 @@ def _draw_correlations(axes: Axes, r: FloatArray, names: Sequence[str], size: fl
             axes.text(j, i, f"{r[i, j]:.2f}", ha="center", va="center", color="white", fontsize=0.75 * size)
 
 
-# The percent axis ends there at most, and has so many steps to a side before it has decades only.
-MAX_PERCENT, MAX_STEPS = 300.0, 4
-
-
-@frozen_value
-class Scaled:
-    """The rows as columns on a common scale: y (n,), estimate (n,), interval (n, 2), truth (n,) NaN where unknown."""
-
-    y: FloatArray
-    estimate: FloatArray
-    interval: FloatArray
-    truth: FloatArray
-    at_bound: BoolArray
-
-    def percent(self, sign: FloatArray) -> Scaled:
-        """Deviation of these ratios from 1 in percent; sign (n,) of the reference, so that more is to the right."""
-        estimate, truth = 100 * sign * (self.estimate - 1), 100 * sign * (self.truth - 1)
-        return Scaled(self.y, estimate, 100 * sign[:, None] * (self.interval - 1), truth, self.at_bound)
-
-
 def forest(rows: Sequence[ParameterRow]) -> Figure:
     """Left: ratio of start and estimate to a reference; right: deviation from it in percent.
 
     The reference is the truth, or the estimate where no truth is known. Bars are 95 % intervals.
     """
     figure, ratio, percent = _panels(rows)
+    y, at_bound = np.arange(float(len(rows))), np.array([row.at_bound for row in rows])
     reference = np.array([row.reference for row in rows])
     start = np.array([row.start for row in rows]) / reference
     bounds = np.array([row.bounds for row in rows]) / reference[:, None]
-    ratios = Scaled(
-        y=np.arange(float(len(rows))),
-        estimate=np.array([row.estimate for row in rows]) / reference,
-        interval=np.array([row.interval for row in rows]) / reference[:, None],
-        truth=np.array([np.nan if row.truth is None else row.truth for row in rows]) / reference,
-        at_bound=np.array([row.at_bound for row in rows]),
-    )
-    low, high = _ratio_axis(ratio, np.concatenate([start, ratios.estimate, ratios.truth]))
-    ratio.plot(start, ratios.y, ls="none", marker="o", ms=5, mfc="none", color=style.START, label="start")
-    _draw(ratio, ratios)
+    truths = [np.nan if row.truth is None else row.truth for row in rows]
+    values = np.array([(row.estimate, *row.interval, truth) for row, truth in zip(rows, truths, strict=True)])
+    ratios = values / reference[:, None]
+    low, high = _ratio_axis(ratio, np.concatenate([start, ratios[:, 0], ratios[:, 3]]))
+    ratio.plot(start, y, ls="none", marker="o", ms=5, mfc="none", color=style.START, label="start")
+    _draw(ratio, ratios, at_bound)
     near = (bounds > low) & (bounds < high)
     if near.any():
-        y = np.broadcast_to(ratios.y[:, None], bounds.shape)[near]
-        ratio.plot(bounds[near], y, ls="none", marker="|", ms=9, color=style.WEAK, label="bound")
-    deviations = ratios.percent(np.sign(reference))
-    _draw(percent, deviations)
+        at = np.broadcast_to(y[:, None], bounds.shape)[near]
+        ratio.plot(bounds[near], at, ls="none", marker="|", ms=9, color=style.WEAK, label="bound")
+    deviations = 100 * np.sign(reference)[:, None] * (ratios - 1)  # more is to the right
+    _draw(percent, deviations, at_bound)
     _percent_axis(percent, deviations)
-    style.add_legend(figure, (ratio, percent))
-    return figure
+    return style.finish(figure, "Parameters", (), (ratio, percent))
 
 
 def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
-    """Two axes with one row for each parameter, the first on top."""
     size = 9.0, 0.26 * len(rows) + 1.7
     left = min(3.15, 0.35 + 0.075 * max(len(row.name) for row in rows))
     figure, ((ratio, percent),) = style.panels(1, 2, size, (left, 0.22, 0.85, 0.6), (0.06, 0.0), sharey=True)
@@ -144,21 +118,21 @@ def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
     to = "truth" if all(known) else "truth (estimate where none is known)" if any(known) else "estimate"
     style.label(ratio, x=f"ratio to the {to}")
     style.label(percent, x=f"deviation from the {to} in %")
-    style.add_title(figure, "Parameters")
     return figure, ratio, percent
 
 
-def _draw(axes: Axes, rows: Scaled) -> None:
-    y, low, high = rows.y, rows.interval[:, 0], rows.interval[:, 1]
-    axes.hlines(y, low, high, color=style.MEASURED, lw=2.2, alpha=0.55, label="95 % interval")
+def _draw(axes: Axes, values: FloatArray, at_bound: BoolArray) -> None:
+    """values (n, 4): estimate, ends of the interval, truth (NaN where unknown) of the row at 0, 1, 2 ..."""
+    y = np.arange(float(len(values)))
+    axes.hlines(y, *values[:, 1:3].T, color=style.MEASURED, lw=2.2, alpha=0.55, label="95 % interval")
     for keep, marker, size, color, label in (
-        (~rows.at_bound, "o", 4.5, style.MEASURED, "estimate"),
-        (rows.at_bound, "s", 6.0, style.FITTED, "estimate at its bound"),
+        (~at_bound, "o", 4.5, style.MEASURED, "estimate"),
+        (at_bound, "s", 6.0, style.FITTED, "estimate at its bound"),
     ):
         if keep.any():
-            axes.plot(rows.estimate[keep], y[keep], ls="none", marker=marker, ms=size, color=color, label=label)
-    if np.isfinite(rows.truth).any():
-        axes.plot(rows.truth, y, ls="none", marker="|", ms=11, mew=1.4, color=style.TRUTH, label="truth")
+            axes.plot(values[keep, 0], y[keep], ls="none", marker=marker, ms=size, color=color, label=label)
+    if np.isfinite(values[:, 3]).any():
+        axes.plot(values[:, 3], y, ls="none", marker="|", ms=11, mew=1.4, color=style.TRUTH, label="truth")
     style.lighten(axes)
     axes.grid(axis="y", visible=False)
 
@@ -173,12 +147,12 @@ def _ratio_axis(axes: Axes, shown: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def _percent_axis(axes: Axes, rows: Scaled) -> None:
+def _percent_axis(axes: Axes, values: FloatArray) -> None:
     """Linear near zero, logarithmic beyond, so that 0.1 % and 100 % can be read in one figure, up to 300 %."""
-    half = (rows.interval[:, 1] - rows.interval[:, 0]) / 2
+    half = (values[:, 2] - values[:, 1]) / 2
     half = half[np.isfinite(half) & (half > 0)]
     typical = float(np.percentile(half, 25)) if half.size else 1.0
-    reach = np.abs(np.column_stack([rows.interval, rows.estimate]))
+    reach = np.abs(values[:, :3])
     largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, MAX_PERCENT))
     smallest = 10.0 ** round(math.log10(typical))
     decades = [smallest * 10.0**decade for decade in range(7)]
@@ -190,10 +164,10 @@ def _percent_axis(axes: Axes, rows: Scaled) -> None:
     axes.tick_params(axis="y", length=0)
     axes.axvline(0, color="#999999", lw=0.6, zorder=0)
     for side, marker in ((1, ">"), (-1, "<")):
-        beyond = side * rows.estimate > 1.3 * largest
-        if beyond.any():
-            edge = np.full(int(beyond.sum()), side * 1.2 * largest)
-            axes.plot(edge, rows.y[beyond], marker, ms=6, color=style.FITTED, label="estimate off the scale")
+        beyond = np.flatnonzero(side * values[:, 0] > 1.3 * largest)
+        if beyond.size:
+            edge = np.full(len(beyond), side * 1.2 * largest)
+            axes.plot(edge, beyond, marker, ms=6, color=style.FITTED, label="estimate off the scale")
 
 
 def modification_shares(result: FitResult) -> Figure:
@@ -209,6 +183,4 @@ def modification_shares(result: FitResult) -> Figure:
     style.set_names(axes.yaxis, [index.name for index in alone])
     axes.set_xlim(0, 100)
     style.label(axes, x="share of the excess of V, %")
-    style.lighten(axes)
-    style.add_title(figure, "What would explain the residuals beyond the noise")
-    return figure
+    return style.finish(figure, "What would explain the residuals beyond the noise", (axes,))

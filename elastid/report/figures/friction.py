@@ -1,35 +1,228 @@
-"""Friction that was taken out of the responses: its curve, and the torque that nothing explains."""
+"""Friction over speed, load and temperature, with levels and band; friction taken out of the responses."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
+from elastid.friction.static import Conditions
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.robot import Robot
 
-# Points of a curve.
-_POINTS = 400
+if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
+    from elastid.friction_study.laws import StaticLaw
+    from elastid.friction_study.levels import Levels
+
+# Of a law, and of friction taken out of responses.
+POINTS, POINTS_TAKEN_OUT = 200, 400
+# The law is drawn, dashed, beyond the measured speeds by this factor.
+BEYOND = 2.0
+# Levels belong to one curve within so many kelvins, and this share of the largest load.
+SAME_KELVIN, SAME_LOAD = 5.0, 0.05
+# Speeds at which levels are drawn over load or temperature; those of one group differ at most by this share.
+MOST_SPEEDS, SAME_SPEED = 4, 0.05
+# Direction: color, name.
+DIRECTIONS = {
+    0.0: (style.MEASURED, "both directions"),
+    1.0: (style.MEASURED, "positive direction"),
+    -1.0: (style.START, "negative direction"),
+}
 
 
-def friction_curves(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
+@dataclass(frozen=True)
+class Condition:
+    """Where a curve is drawn: load in Nm (N), temperature in degC or NaN; over one of them its values (n,)."""
+
+    load: float | FloatArray
+    temperature: float | FloatArray
+
+    @classmethod
+    def typical(cls, levels: Levels) -> Condition:
+        """The lowest load, and of the temperatures there the middle one."""
+        load = float(levels.load.min())
+        known = levels.temperature[levels.load <= load + SAME_LOAD * levels.load.max()]
+        known = np.sort(known[np.isfinite(known)])
+        return cls(load, float(known[len(known) // 2]) if len(known) else float("nan"))
+
+    def at(self, speed: FloatArray, direction: float) -> Conditions:
+        """Every speed (n,) in one direction."""
+        ones = np.ones_like(speed)
+        return Conditions(speed, direction * ones, self.load * ones, self.temperature * ones)
+
+    def includes(self, law: StaticLaw) -> BoolArray:
+        """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
+        levels, own = law.levels, np.ones(law.levels.n_levels, dtype=bool)
+        if depends_on(law, "load"):
+            own &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
+        if depends_on(law, "temperature"):
+            own &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
+        return own
+
+    def text(self, law: StaticLaw, but: str = "") -> str:
+        """In words, of the conditions that the law depends on, except one."""
+        load, heat = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}", f"{self.temperature:.3g} °C"
+        words = [{"load": load, "temperature": heat}[kind] for kind in conditions_of(law) if kind != but]
+        return f"at {' and '.join(words)}" if words else ""
+
+
+def friction_curve(law: StaticLaw) -> Figure:
+    """Levels by direction with 95 % intervals over log speed, the law with its 95 % band; below, what it leaves.
+
+    Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
+    """
+    levels, condition = law.levels, Condition.typical(law.levels)
+    figure, panels = style.column(5.4, (3, 1), 0.12)
+    curve, left = panels
+    on_curve = condition.includes(law)
+    for direction in sorted(set(levels.direction.tolist()), reverse=True):
+        _draw_levels(curve, left, law, direction, on_curve)
+    for direction in law_directions(law):
+        _draw_law(curve, law, condition, direction)
+    low, high = float(levels.speed.min()), float(levels.speed.max())
+    for axes in panels:
+        axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0, label="measured speeds")
+    style.set_log_frequency(curve, np.array([low / BEYOND, high * BEYOND]), 12)
+    curve.set_ylim(0, 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max()))
+    for bound in (-QUANTILE_95, QUANTILE_95):
+        left.axhline(bound, color=style.TRUTH, lw=0.6, ls=":")
+    reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
+    left.set_ylim(-reach, reach)
+    speed, torque = units(levels.slides)
+    style.label(curve, y=f"{quantity(levels.slides)} in {torque}")
+    style.label(left, f"speed in {speed}", "(level − law) / std")
+    return style.finish(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip(), panels, [curve])
+
+
+def quantity(slides: bool) -> str:
+    """As axes name it."""
+    return "force" if slides else "torque"
+
+
+def units(slides: bool) -> tuple[str, str]:
+    """Of speed and torque, as people write them."""
+    return ("m/s", "N") if slides else ("rad/s", "N·m")
+
+
+def depends_on(law: StaticLaw, part: str) -> bool:
+    """True where the law has numbers of `load`, `temperature` or `directions`."""
+    return any(name.startswith(part) for name in law.names)
+
+
+def law_directions(law: StaticLaw) -> tuple[float, ...]:
+    """Directions in which the law differs; (0,) where it does not."""
+    return (1.0, -1.0) if depends_on(law, "directions") else (0.0,)
+
+
+def residuals(law: StaticLaw) -> FloatArray:
+    """(level - law) / std (n,)."""
+    return (law.levels.torque - law.fit.torque(law.levels.conditions)) / law.levels.std
+
+
+def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
+    """The law (n,) at conditions, and half the width of its 95 % band."""
+    return law.fit.torque(at), law.fit.reach * law.fit.torque_std(at)
+
+
+def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, on_curve: BoolArray) -> None:
+    levels, (color, name) = law.levels, DIRECTIONS[direction]
+    for chosen, ink, text, order in (
+        (~on_curve, style.WEAK, "levels at other loads and temperatures", 2),
+        (on_curve, color, f"levels, {name}", 4),
+    ):
+        own = chosen & (levels.direction == direction)
+        if not own.any():
+            continue
+        looks = style.DOTS | {"ms": 3.5, "color": ink, "mfc": ink, "zorder": order}
+        looks |= {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
+        x = levels.speed[own]
+        style.plot_intervals(curve, x, levels.torque[own], levels.std[own], **looks, capsize=2, label=text)
+        left.plot(x, residuals(law)[own], **looks)
+
+
+def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float) -> None:
+    low, high = float(law.levels.speed.min()), float(law.levels.speed.max())
+    color = style.FITTED if direction >= 0 else style.TOTAL
+    name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
+    for ends, text in (((low, high), name), ((low / BEYOND, low), None), ((high, high * BEYOND), None)):
+        speed = np.geomspace(*ends, POINTS)
+        torque, half = law_band(law, condition.at(speed, direction))
+        axes.plot(speed, torque, "-" if text else "--", color=color, lw=1.3, zorder=3, label=text)
+        style.fill_band(axes, speed, torque, half, color, 0.25, zorder=3)
+
+
+def conditions_of(law: StaticLaw) -> list[str]:
+    """On which of load and temperature the law depends."""
+    return [kind for kind in ("load", "temperature") if depends_on(law, kind)]
+
+
+def friction_conditions(law: StaticLaw) -> Figure:
+    """A panel over load and one over temperature, each where the law depends on it, and it does on one.
+
+    Points: levels, brought by the law to the panel's other condition and to the mean speed of their group, so that
+    their distance from the line is what the law leaves of them.
+    """
+    kinds, typical = conditions_of(law), Condition.typical(law.levels)
+    size = (style.WIDE if len(kinds) > 1 else 5.6, 4.1)
+    figure, panels = style.panels(1, len(kinds), size, (0.8, 0.25, 1.05, 0.55), (0.25, 0.0))
+    speed, torque = units(law.levels.slides)
+    names = {"load": f"load in {torque}", "temperature": "temperature in °C"}
+    for axes, kind in zip(panels[0], kinds, strict=True):
+        for i, members in enumerate(_groups(law.levels.speed)):
+            _draw_group(axes, law, kind, members, style.SERIES[i])
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        style.label(axes, names[kind], f"{quantity(law.levels.slides)} in {torque}", typical.text(law, but=kind))
+    title = f"{law.levels.place}: friction over {' and '.join(kinds)}, by speed in {speed}"
+    return style.finish(figure, title, panels[0], panels[0])
+
+
+def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color: str) -> None:
+    levels, typical = law.levels, Condition.typical(law.levels)
+    speed = float(levels.speed[members].mean())
+    values = getattr(levels, kind)[members]
+    grid = np.linspace(values.min(), values.max(), POINTS)
+    line, half = law_band(law, _over(typical, kind, grid, speed))
+    style.fill_band(axes, grid, line, half, color, 0.2)
+    axes.plot(grid, line, color=color, lw=1.2)
+    left = levels.torque[members] - law.fit.torque(levels.select(members).conditions)
+    torque = law.fit.torque(_over(typical, kind, values, speed)) + left
+    looks: dict[str, Any] = {"ms": 3.2, "capsize": 2, "color": color, "label": f"{speed:.3g}"}
+    style.plot_intervals(axes, values, torque, levels.std[members], **looks)
+
+
+def _over(typical: Condition, kind: str, values: FloatArray, speed: float) -> Conditions:
+    return replace(typical, **{kind: values}).at(np.full_like(values, speed), 0.0)
+
+
+def _groups(speed: FloatArray) -> Sequence[BoolArray]:
+    """Masks (n,) of the levels of a few speeds, spread from the lowest to the highest."""
+    centres: list[float] = []
+    for v in np.sort(speed).tolist():
+        if not centres or v > centres[-1] * (1 + SAME_SPEED):
+            centres.append(v)
+    chosen = np.unique(np.round(np.linspace(0, len(centres) - 1, MOST_SPEEDS)).astype(int))
+    return [(speed >= centres[i] * (1 - 1e-9)) & (speed <= centres[i] * (1 + SAME_SPEED)) for i in chosen]
+
+
+def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
     """For each motor the torque after a reversal, or over velocity, with its 95 % interval; torque not explained.
 
     The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
     known = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
-    n = len(friction.places)
-    columns = min(n, 3)
-    blocks = -(-n // columns)
-    figure, axes = style.panels(
-        2 * blocks, columns, (style.WIDE, 1.2 + 4.4 * blocks), (0.9, 0.25, 0.85, 0.75), (0.35, 0.55)
-    )
+    columns = min(len(friction.places), 3)
+    blocks = -(-len(friction.places) // columns)
+    size, margins = (style.WIDE, 1.2 + 4.4 * blocks), (0.9, 0.25, 0.85, 0.75)
+    figure, axes = style.panels(2 * blocks, columns, size, margins, (0.35, 0.55))
     for spare in axes.flat:
         spare.set_axis_off()
     drawn = []
@@ -37,12 +230,11 @@ def friction_curves(friction: FrictionTakenOut, robot: Robot | None = None) -> F
         row, column = divmod(i, columns)
         curve, levels = axes[2 * row, column], axes[2 * row + 1, column]
         if place in friction.taken_places():
-            _draw_curve(curve, friction, i, known.get(place))
+            _draw_taken_out(curve, friction, i, known.get(place))
             drawn.append(curve)
-        _draw_levels(levels, friction, i)
+        _draw_unexplained(levels, friction, i)
         drawn.append(levels)
-    style.finish(figure, "Friction taken out of the responses", drawn, drawn)
-    return figure
+    return style.finish(figure, "Friction taken out of the responses", drawn, drawn)
 
 
 def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
@@ -53,22 +245,18 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
     own = [shape for shape, _ in friction.taken_shapes(place)]
     bend = max((shape.threshold for shape in own if shape.kind != "sign"), default=0.0)
     if bend > 0:
-        distance = np.linspace(0.0, 4 * bend, _POINTS)  # a stop operator slides after 2 thresholds
+        distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
         torque, std = friction.reversal(place, distance)
         level, of_level = friction.sliding_level(place)
-        return (
-            np.concatenate([[-0.1 * distance[-1], 0.0], distance]),
-            np.concatenate([[-level, -level], torque]),
-            np.concatenate([[of_level, of_level], std]),
-            True,
-        )
+        x = np.concatenate([[-0.1 * distance[-1], 0.0], distance])
+        return x, np.concatenate([[-level, -level], torque]), np.concatenate([[of_level, of_level], std]), True
     turning = max((shape.threshold for shape in own), default=0.0)
     # A sign that turns gradually has turned at 3 thresholds; one that turns at once is drawn to 1 mrad/s (mm/s).
-    v = np.linspace(-1.0, 1.0, _POINTS) * (5 * turning if turning > 0 else 1e-3)
+    v = np.linspace(-1.0, 1.0, POINTS_TAKEN_OUT) * (5 * turning if turning > 0 else 1e-3)
     return v, *friction.sliding(place, v), False
 
 
-def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | None) -> None:
+def _draw_taken_out(axes: Axes, friction: FrictionTakenOut, i: int, known: float | None) -> None:
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
     axes.set_axis_on()
@@ -86,17 +274,16 @@ def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | N
     )
 
 
-def _draw_levels(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
-    """RMS amplitude of the torque that no response explains in each configuration."""
+def _draw_unexplained(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
     x = np.arange(len(friction.configurations))
     axes.set_axis_on()
-    for values, color, face, label in (
-        (friction.before[:, i], style.MEASURED, "none", "unexplained, with friction"),
-        (friction.after[:, i], style.MEASURED, style.MEASURED, "unexplained, friction taken out"),
+    for values, face, label in (
+        (friction.before[:, i], "none", "unexplained, with friction"),
+        (friction.after[:, i], style.MEASURED, "unexplained, friction taken out"),
     ):
-        axes.plot(x, values, ls="none", marker="o", ms=4, mec=color, mfc=face, label=label)
+        axes.plot(x, values, ls="none", marker="o", ms=4, mec=style.MEASURED, mfc=face, label=label)
     axes.set_ylim(0, 1.1 * max(float(axes.get_ylim()[1]), 1e-300))
     axes.set_xlim(-0.5, len(x) - 0.5)
     style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
-    unit = friction.place_units[i]
-    style.label(axes, y=f"amplitude in {style.pretty_unit(unit)}", title=f"{friction.places[i]}: torque not explained")
+    unit = style.pretty_unit(friction.place_units[i])
+    style.label(axes, y=f"amplitude in {unit}", title=f"{friction.places[i]}: torque not explained")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,15 +34,14 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
     width = float(np.clip(left + 0.45 + 0.42 * n, 4.5, 11.0))
     panel, below = float(np.clip(5.0 / max(n_m, 1), 0.6, 0.9)), 0.3 + 0.065 * max(map(len, names))
     height = 0.85 + n_m * panel + below
-    margins, options = (left, 0.15, 0.8, below), {"sharex": True, "sharey": True}
-    figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), **options)
+    margins = left, 0.15, 0.8, below
+    figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), sharex=True, sharey=True)
     x = np.arange(n)
     colors = [style.START if name.startswith("motor") else style.MEASURED for name in names]
     for m, axes in enumerate(panels.flat):
         axes.bar(x, shapes[:, m].real, width=0.6, color=colors)
         axes.plot(x, shapes[:, m].imag, ls="none", marker="_", ms=7, mew=1, color=style.TRUTH)
         axes.axhline(0, color=style.TRUTH, lw=0.5)
-        style.lighten(axes)
         axes.set_yticks([-1, 0, 1])
         axes.set_ylim(-1.15, 1.15)
         axes.set_title(style.plain(row.energy_text[m]), loc="left", fontsize=style.SMALL, pad=2)
@@ -49,10 +49,9 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
         numbers += f"\n{number(100 * row.damping_ratio[m], 2)} %"
         axes.set_ylabel(numbers, rotation=0, ha="right", va="center", fontsize=style.NORMAL, labelpad=4)
     style.set_names(panels[-1, 0].xaxis, names, rotation=90)
-    style.add_title(figure, f"Mode shapes, {title}")
     key = "blue: joints, orange: motors (link side); dash: part out of phase"
     figure.text(0.125 / width, 1 - 0.4 / height, key, fontsize=style.SMALL, va="center")
-    return figure
+    return style.finish(figure, f"Mode shapes, {title}", panels.flat)
 
 
 # Panels side by side.
@@ -105,12 +104,10 @@ def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known:
         lines = _caption(row, mode, rate_is_known, columns * (PANEL_WIDTH + LEFT) - 0.1)
         x, y = first.corner[0], first.corner[1] + first.size[1] + 0.07
         axes.text(x, y, style.plain("\n".join(lines)), fontsize=style.SMALL, va="bottom", linespacing=1.3)
-    style.add_title(figure, f"Modes, {title}: frequency, damping ratio, energy by spring")
-    return figure
+    return style.finish(figure, f"Modes, {title}: frequency, damping ratio, energy by spring")
 
 
 def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list[str]:
-    """Frequency, damping ratio and energies of a mode, in lines of so many inches."""
     frequency = f"{number(row.frequency_hz[mode])} {style.frequency_unit(rate_is_known)}"
     first = f"mode {mode + 1}: {frequency}, {number(100 * row.damping_ratio[mode], 2)} %"
     # No line break within a share.
@@ -119,7 +116,6 @@ def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list
 
 
 def _lay_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
-    """The size of the canvas in inches, and the panels mode by mode."""
     views = [drawing.views(mode) for mode in range(drawing.moved.shape[2])]
     columns = max(map(len, views))
     modes_a_row = min(MAX_COLUMNS // columns, max(len(views), MIN_COLUMNS // columns))
@@ -163,32 +159,26 @@ def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> N
 
 
 def _draw_axes(axes: Axes, panel: Panel) -> None:
-    """A thin grid with numbers, and the names of the axes."""
     (left, bottom), (wide, high) = panel.corner, panel.size
     grid = []
-
-    def write(x: float, y: float, text: str, ha: str, va: str, rotation: float = 0.0) -> None:
-        axes.text(x, y, text, ha=ha, va=va, rotation=rotation, fontsize=style.SMALL - 0.5)
-
-    for i, axis in enumerate(panel.plane):
-        for value in _ticks(panel.low[i], panel.low[i] + panel.size[i] / panel.inches):
-            x, y = panel.placed(np.full(3, value))
-            if i == 0:
-                grid.append([(x, bottom), (x, bottom + high)])
-                write(x, bottom - 0.05, f"{value:g}", "center", "top")
-            else:
-                grid.append([(left, y), (left + wide, y)])
-                write(left - 0.05, y, f"{value:g}", "right", "center")
-        name = f"{'xyz'[axis]} in m"
-        if i == 0:
-            write(left + wide / 2, bottom - 0.27, name, "center", "center")
-        else:
-            write(left - 0.36, bottom + high / 2, name, "center", "center", 90.0)
+    small: dict[str, Any] = {"fontsize": style.SMALL - 0.5}
+    for value in _ticks(panel, 0):
+        x = panel.placed(np.full(3, value))[0]
+        grid.append([(x, bottom), (x, bottom + high)])
+        axes.text(x, bottom - 0.05, f"{value:g}", ha="center", va="top", **small)
+    for value in _ticks(panel, 1):
+        y = panel.placed(np.full(3, value))[1]
+        grid.append([(left, y), (left + wide, y)])
+        axes.text(left - 0.05, y, f"{value:g}", ha="right", va="center", **small)
+    x_name, y_name = (f"{'xyz'[axis]} in m" for axis in panel.plane)
+    axes.text(left + wide / 2, bottom - 0.27, x_name, ha="center", va="center", **small)
+    axes.text(left - 0.36, bottom + high / 2, y_name, ha="center", va="center", rotation=90.0, **small)
     axes.add_collection(LineCollection(grid, colors=style.GRID, linewidths=0.4))
     corner = [(left, bottom + high), (left, bottom), (left + wide, bottom)]
     axes.add_collection(LineCollection([corner], colors=style.TRUTH, linewidths=0.6))
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def _ticks(panel: Panel, i: int) -> list[float]:
+    low, high = panel.low[i], panel.low[i] + panel.size[i] / panel.inches
     values = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
     return [round(float(value), 12) + 0.0 for value in values if low <= value <= high]

@@ -1,27 +1,32 @@
-"""The response matrix of one configuration: magnitude, phase and singular values, with its model where there is one.
-
-Axes of their own would take most of the time of a report: a response of six motors has 36 panels.
-"""
+"""The response matrix of one configuration, measured and modelled, and the quality of its measurement."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
+from numpy.typing import NDArray
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.report.figures import style
-from elastid.response import FrequencyResponse
+from elastid.response import FrequencyResponse, Quality
 from elastid.validation.residual_tests import above_2sigma, sigma_of, smoothed_std
 
 # Inches: left of all panels, right, above and below; between columns and between rows.
 LEFT, RIGHT, TOP, BOTTOM = 0.75, 0.3, 1.0, 0.55
 GAP_X, GAP_Y = 0.09, 0.13
+# Of the panels of a Bode plot.
+PANEL_WIDTH, PANEL_HEIGHT = 3.4, 1.5
+# The y range ends at most so many dB below the points that count, and below the highest.
+NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
+# The noun of an input by its unit.
+INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
 
 
 @dataclass(frozen=True)
@@ -45,10 +50,8 @@ class PanelMatrix:
     def size(self) -> tuple[float, float]:
         """Of the canvas."""
         width, height = self.panel
-        return (
-            LEFT + self.columns * (width + GAP_X) - GAP_X + RIGHT,
-            TOP + self.rows * (height + GAP_Y) - GAP_Y + BOTTOM,
-        )
+        across, down = self.columns * (width + GAP_X) - GAP_X, self.rows * (height + GAP_Y) - GAP_Y
+        return LEFT + across + RIGHT, TOP + down + BOTTOM
 
     @property
     def corners(self) -> tuple[FloatArray, FloatArray]:
@@ -133,14 +136,6 @@ def name_panels(axes: Axes, matrix: PanelMatrix, rows: Sequence[str], columns: S
         axes.text(right, middle, style.plain(name), rotation=270, va="center", fontsize=style.NORMAL)
 
 
-# The y range ends at most so many dB below the points that count, and below the highest.
-NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
-
-
-# The noun of an input by its unit.
-INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
-
-
 def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
     """Name, angles of the driven joints, and if the configuration was fitted; of a structure the name."""
     if not measured.configuration.angles.size:
@@ -171,7 +166,7 @@ def frf_magnitude(
     low, high = _db_range(shown, [std_db for std_db, _, _ in levels.values()])
     matrix = PanelMatrix(f, (low, high), *Ghat_db.shape[1:])
     ticks = style.db_ticks(low, high, most=6 if len(measured.outputs) <= 3 else 4)
-    figure, axes = _empty(measured, matrix, ticks, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
+    figure, axes = _empty(measured, matrix, ticks, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
     drawn, spread = (modelled, std) if dense is None else dense
     if drawn is not None and spread is not None:
         band = matrix.band(drawn.freq_hz, *_band_db(drawn.G, spread))
@@ -184,8 +179,7 @@ def frf_magnitude(
         axes.plot(*left, color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
     for label, (std_db, color, dashes) in levels.items():
         axes.plot(*matrix.curve(f, std_db), color=color, lw=1.0, ls=dashes, zorder=1.5, label=label)
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, title, (), (axes,), markerscale=2.0)
 
 
 def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
@@ -193,13 +187,12 @@ def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, t
     phase = np.degrees(np.angle(measured.G))
     matrix = PanelMatrix(measured.freq_hz, (-190.0, 190.0), *phase.shape[1:])
     ticks = np.arange(-180.0, 181.0, 90.0 if len(measured.outputs) <= 3 else 180.0).tolist()
-    figure, axes = _empty(measured, matrix, ticks, title, "phase of G in degrees")
+    figure, axes = _empty(measured, matrix, ticks, "phase of G in degrees")
     everywhere = np.ones(phase.shape, bool)
     style.plot_points(axes, *matrix.placed(measured.freq_hz, phase), above_2sigma(measured), everywhere)
     if modelled is not None:
         axes.plot(*matrix.curve(*_unwrapped(modelled)), color=style.FITTED, lw=1.1, label="fitted model")
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, title, (), (axes,), markerscale=2.0)
 
 
 def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
@@ -211,7 +204,6 @@ def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
 
 
 def _levels(measured: FrequencyResponse, std: FloatArray | None) -> dict[str, tuple[FloatArray, str, str]]:
-    """Standard deviations in dB (F, n_y, n_u) with colour and dashes, by their label."""
     levels = {
         label: (style.in_db(smoothed_std(measured, covariance)[0]), color, dashes)
         for covariance, label, color, dashes in (
@@ -230,35 +222,30 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
     """
     f = measured.freq_hz
     s_measured = np.asarray(np.linalg.svd(measured.G, compute_uv=False), float)
-    s_modelled = None if modelled is None else np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float)
-    lines = f if modelled is None else modelled.freq_hz
     noise = np.linalg.norm(sigma_of(measured)[0], axis=(1, 2))
     above = s_measured >= 2 * noise[:, None]
     figure, ((axes,),) = style.panels(1, 1, (7.5, 4.0))
     for k in range(s_measured.shape[1]):
         style.plot_points(axes, f, style.in_db(s_measured[:, k]), above[:, k])
-        if s_modelled is not None:
-            axes.plot(lines, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+    if modelled is not None:
+        s_modelled = style.in_db(np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float))
+        axes.plot(modelled.freq_hz, s_modelled, color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
-    style.lighten(axes)
     style.set_log_frequency(axes, f)
     style.label(axes, x=style.frequency_label(measured.rate_is_known), y=f"dB re 1 {style.pretty_unit(measured.unit)}")
-    style.add_title(figure, f"Singular values, {title}")
-    style.add_legend(figure, (axes,), markerscale=2.0)
-    return figure
+    return style.finish(figure, f"Singular values, {title}", (axes,), (axes,), markerscale=2.0)
 
 
 def _empty(
-    response: FrequencyResponse, matrix: PanelMatrix, ticks: Sequence[float], title: str, y_label: str
+    response: FrequencyResponse, matrix: PanelMatrix, ticks: Sequence[float], y_label: str
 ) -> tuple[Figure, Axes]:
-    """A panel for each element, inputs across, outputs down, with names and title, and without curves."""
+    """A panel for each element, inputs across, outputs down, with names and without curves."""
     figure, axes = empty_panels(matrix, ticks)
     outputs = [f"{response.quantity} at {output}" if matrix.rows <= 3 else output for output in response.outputs]
     inputs = zip(response.inputs, response.units_of_inputs, strict=True)
     name_panels(axes, matrix, outputs, [f"{INPUT_NOUN.get(unit, 'torque')} at {source}" for source, unit in inputs])
     style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
-    style.add_title(figure, title)
     return figure, axes
 
 
@@ -281,53 +268,43 @@ def _db_range(curves_db: Iterable[FloatArray], stds_db: Iterable[FloatArray]) ->
     return low - margin, high + margin
 
 
-PANEL_WIDTH, PANEL_HEIGHT = 3.4, 1.5
-
-
 def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None) -> Figure:
     """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
 
-    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, drawn as a band of
-    2 std.
+    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
     """
     n_y, n_u = len(measured.outputs), len(measured.inputs)
     left, right, top, bottom = margins = 0.9, 0.3, 1.0, 0.55
     size = left + n_u * PANEL_WIDTH + right, top + 2 * n_y * PANEL_HEIGHT + bottom
     figure, panels = style.panels(2 * n_y, n_u, size, margins, (0.25, 0.15), sharex=True)
     above = above_2sigma(measured)
-    for i in range(n_y):
-        for j in range(n_u):
-            magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
-            f, G = measured.freq_hz, measured.G[:, i, j]
-            style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
-            style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
-            if modelled is not None:
-                spread = None if std is None else std[:, i, j]
-                _draw_model(magnitude, phase, modelled.freq_hz, modelled.G[:, i, j], spread)
-            _label(magnitude, phase, measured, i, j)
+    for i, j in np.ndindex(n_y, n_u):
+        magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
+        f, G = measured.freq_hz, measured.G[:, i, j]
+        style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
+        style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
+        if modelled is not None:
+            _draw_model(magnitude, phase, modelled, i, j, std)
+        _label(magnitude, phase, measured, i, j)
     style.set_log_frequency(panels[0, 0], measured.freq_hz)
     style.label_figure(figure, style.frequency_label(measured.rate_is_known))
-    style.add_title(figure, f"{measured.quantity} of {measured.configuration.name}")
-    style.add_legend(figure, panels.flat, markerscale=2.0)
-    return figure
+    title = f"{measured.quantity} of {measured.configuration.name}"
+    return style.finish(figure, title, panels.flat, panels.flat, markerscale=2.0)
 
 
-def _draw_model(magnitude: Axes, phase: Axes, freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None) -> None:
+def _draw_model(magnitude: Axes, phase: Axes, model: FrequencyResponse, i: int, j: int, std: FloatArray | None) -> None:
+    f, G = model.freq_hz, model.G[:, i, j]
     if std is not None:
-        magnitude.fill_between(
-            freq_hz, *_band_db(G, std), color=style.FITTED, alpha=0.25, lw=0, label="2 std of the model"
-        )
-    magnitude.plot(freq_hz, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
-    degrees = np.degrees(np.angle(G))
-    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
-    phase.plot(np.insert(freq_hz, wraps, np.nan), np.insert(degrees, wraps, np.nan), color=style.FITTED, lw=1.1)
+        looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
+        magnitude.fill_between(f, *_band_db(G, std[:, i, j]), **looks)
+    magnitude.plot(f, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
+    lines, degrees = _unwrapped(model)
+    phase.plot(lines, degrees[:, i, j], color=style.FITTED, lw=1.1)
 
 
 def _label(magnitude: Axes, phase: Axes, measured: FrequencyResponse, i: int, j: int) -> None:
     phase.set_ylim(-190, 190)
     phase.yaxis.set_major_locator(MultipleLocator(90))
-    style.lighten(magnitude)
-    style.lighten(phase)
     if i == 0:
         style.label(magnitude, title=f"by {measured.inputs[j]}")
     if j == 0:
@@ -335,3 +312,61 @@ def _label(magnitude: Axes, phase: Axes, measured: FrequencyResponse, i: int, j:
         style.label(phase, y="phase in degrees")
     if j == len(measured.inputs) - 1:
         style.label_row(magnitude, measured.outputs[i])
+
+
+def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
+    """RMS amplitude in dB of every output: excited lines, nonlinearities of even and odd order, stochastic, noise.
+
+    Levels of an experiment's mean over periods; the power of the noise is subtracted from that of the detection lines.
+    """
+    n_y = len(response.outputs)
+    columns = min(n_y, 3)
+    figure, panels = _quality_panels(-(-n_y // columns), columns, 2.3)
+    for i, (output, axes) in enumerate(zip(response.outputs, panels.flat, strict=False)):
+        _plot_levels(axes, response, quality, i)
+        style.label(axes, title=f"{response.quantity} at {output}")
+    for spare in panels.flat[n_y:]:
+        spare.set_axis_off()
+    _label_quality(figure, response, f"RMS amplitude in dB re 1 {style.pretty_unit(response.output_unit)}")
+    return style.finish(figure, title, figure.axes, figure.axes, markerscale=2.0)
+
+
+def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
+    """1 - multiple coherence of every output, singular values of G, and those of the inputs with their condition."""
+    figure, ((lost, gains, inputs),) = _quality_panels(1, 3, 2.6)
+    f = response.freq_hz
+    for i, output in enumerate(response.outputs):
+        unexplained = np.maximum(1 - quality.multiple_coherence[:, i], 1e-16)  # less is rounding
+        lost.plot(f, unexplained, lw=0.8, color=style.SERIES[i % len(style.SERIES)], label=style.plain_label(output))
+    lost.set_yscale("log")
+    gains.plot(f, style.in_db(quality.singular_values), lw=0.8, color=style.MEASURED)
+    inputs.plot(f, style.in_db(quality.input_singular_values), lw=0.8, color=style.START)
+    style.label(lost, title="1 − multiple coherence")
+    style.label(gains, title="singular values of G in dB")
+    style.label(inputs, title=f"singular values of the inputs in dB, condition {np.median(quality.condition):.3g}")
+    _label_quality(figure, response)
+    return style.finish(figure, title, figure.axes, [lost])
+
+
+def _plot_levels(axes: Axes, response: FrequencyResponse, quality: Quality, i: int) -> None:
+    f, excited = response.freq_hz, quality.excited
+    axes.plot(f, style.in_db(excited.amplitude[:, i]), **style.DOTS, ms=2, color=style.MEASURED, label="excited lines")
+    axes.plot(f, style.in_db(excited.noise[:, i]), lw=0.7, color=style.NOISE, label="noise")
+    if quality.stochastic is not None:
+        axes.plot(f, style.in_db(quality.stochastic[:, i]), lw=0.7, color=style.TOTAL, label="stochastic nonlinear")
+    for lines, color, label in (
+        (quality.even, style.FITTED, "nonlinear, even"),
+        (quality.odd, style.START, "nonlinear, odd"),
+    ):
+        if lines is not None:
+            level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
+            axes.plot(lines.freq_hz, style.in_db(level), **style.DOTS, ms=1.4, color=color, label=label)
+
+
+def _quality_panels(rows: int, columns: int, panel_height: float) -> tuple[Figure, NDArray[Any]]:
+    return style.panels(rows, columns, (style.WIDE, 1.25 + rows * panel_height), spaces=(0.25, 0.25), sharex=True)
+
+
+def _label_quality(figure: Figure, response: FrequencyResponse, y_label: str = "") -> None:
+    style.set_log_frequency(figure.axes[0], response.freq_hz, most=4)
+    style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)

@@ -169,15 +169,22 @@ def fill_band(
 
 
 def finish(
-    figure: Figure, title: str, axes: Iterable[Axes], legend: Iterable[Axes], margin: float | None = None
-) -> None:
-    """Thin grids, the title, and one legend for all axes of `legend`; margin: on either side of the x axes' data."""
+    figure: Figure,
+    title: str,
+    axes: Iterable[Axes] = (),
+    legend: Iterable[Axes] | None = None,
+    margin: float | None = None,
+    markerscale: float = 1.0,
+) -> Figure:
+    """The figure with a title, thin grids in `axes`, one legend for all of `legend`; margin: at the data's sides."""
     for panel in axes:
         lighten(panel)
         if margin is not None:
             panel.margins(x=margin)
     add_title(figure, title)
-    add_legend(figure, legend)
+    if legend is not None:
+        add_legend(figure, legend, markerscale)
+    return figure
 
 
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:

@@ -12,8 +12,9 @@ from matplotlib.ticker import NullFormatter
 
 from elastid.base.arrays import FloatArray
 from elastid.report.figures import style
+from elastid.report.overview import elements_of
 from elastid.validation.comparison import Comparison
-from elastid.validation.results import Agreement, Replay, Validation
+from elastid.validation.results import Replay, Validation
 from elastid.validation.twin import DRY, ELASTICITY, FRICTION, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance
 from elastid.validation.twin_run import TwinRun, TwinSignal
 
@@ -27,38 +28,48 @@ MAPS = (
 MAX_WIDTH, MIN_WIDTH, GAP, SPACE, TITLE = 10.0, 4.5, 0.65, 0.4, 0.35
 # Of configurations, in turn.
 MARKERS = "osD^v<>Ph*"
+# Samples of a torque or a run that are drawn.
+MOST_SAMPLES = 3000
+COLORS = {
+    INERTIA: style.TOTAL,
+    RIGID_BODY: style.TOTAL,
+    GRAVITY: style.MEASURED,
+    VISCOUS: style.NOISE,
+    DRY: style.START,
+    ELASTICITY: style.TRUTH,
+}
+TORQUE_CAPTION = (
+    "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
+    "the mean square, with friction and without, and the share of the torque's power that lies there."
+)
+RUN_CAPTION = (
+    "the model simulated forwards along the log. Left: measured and simulated over the quarter with the largest error "
+    "of the torque; right: error by octave over what the log has there."
+)
 
 
 def model_errors(validation: Validation) -> Figure:
     """Heat maps (configurations down, elements across): magnitude in dB, phase in degrees, residual over sigma."""
     agreements = validation.configurations
-    elements = list(dict.fromkeys(name for agreement in agreements for name in _elements(agreement)))
+    elements = list(dict.fromkeys(name for agreement in agreements for name in elements_of(agreement)))
     maps = [(name, title) for name, title in MAPS if any(np.isfinite(getattr(a, name)).any() for a in agreements)]
     names = [f"{a.configuration}, left out" if a.left_out else a.configuration for a in agreements]
     figure, placed = _map_axes(names, elements, len(maps))
     for (name, title), (axes, bar, is_first, is_last) in zip(maps, placed, strict=True):
         values = np.full((len(names), len(elements)), np.nan)
         for row, agreement in zip(values, agreements, strict=True):
-            row[[elements.index(element) for element in _elements(agreement)]] = getattr(agreement, name).ravel()
+            row[[elements.index(element) for element in elements_of(agreement)]] = getattr(agreement, name).ravel()
         largest = float(np.nanmax(values, initial=0.0))
         # Of residuals over their standard deviation, 1 is as light as 0: noise and no more.
         norm = Normalize(1.0, max(largest, 2.0)) if name == "rms_sigma" else Normalize(0.0, max(largest, 1e-9))
-        image = style.heat_map(axes, values, norm, _two_digits, style.TINY)
+        image = style.heat_map(
+            axes, values, norm, lambda value: f"{value:.2g}" if value < 10 else f"{value:.0f}", style.TINY
+        )
         style.label(axes, title=title)
         figure.colorbar(image, cax=bar).ax.tick_params(labelsize=style.TINY, length=2)
         style.set_names(axes.yaxis, names if is_first else ())
         style.set_names(axes.xaxis, elements if is_last else (), rotation=90)
-    style.add_title(figure, "Errors of the model by configuration and element")
-    return figure
-
-
-def _elements(agreement: Agreement) -> list[str]:
-    """In the order of its arrays, row by row."""
-    return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
-
-
-def _two_digits(value: float) -> str:
-    return f"{value:.2g}" if value < 10 else f"{value:.0f}"
+    return style.finish(figure, "Errors of the model by configuration and element")
 
 
 def _map_axes(
@@ -119,8 +130,7 @@ def replay_signals(replay: Replay) -> Figure:
     style.label_figure(figure, "time in s" if replay.rate_is_known else "time in samples")
     unit, (low, high) = "Hz" if replay.rate_is_known else "of the sampling rate", replay.band_hz
     title = f"{replay.shown}: {replay.quantity} from {low:.3g} to {high:.3g} {unit}, measured and replayed"
-    style.finish(figure, title, panels.flat, (panels[0, 1],), 0.0)
-    return figure
+    return style.finish(figure, title, panels.flat, (panels[0, 1],), 0.0)
 
 
 def left_out_errors(comparison: Comparison) -> Figure:
@@ -139,24 +149,7 @@ def left_out_errors(comparison: Comparison) -> Figure:
     style.set_names(axes.yaxis, [row.name for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     style.label(axes, x="error of left-out responses / sigma")
-    style.finish(figure, "Models on configurations that they were not fitted to", (axes,), (axes,))
-    return figure
-
-
-# Samples that are drawn.
-MOST_SAMPLES = 3000
-COLORS = {
-    INERTIA: style.TOTAL,
-    RIGID_BODY: style.TOTAL,
-    GRAVITY: style.MEASURED,
-    VISCOUS: style.NOISE,
-    DRY: style.START,
-    ELASTICITY: style.TRUTH,
-}
-TORQUE_CAPTION = (
-    "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
-    "the mean square, with friction and without, and the share of the torque's power that lies there."
-)
+    return style.finish(figure, "Models on configurations that they were not fitted to", (axes,), (axes,))
 
 
 def torque_balance_figure(balance: TorqueBalance) -> Figure:
@@ -189,7 +182,6 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 
 
 def _draw_bands(axes: Axes, balance: TorqueBalance) -> None:
-    """Bars side by side for each octave, on a logarithmic axis."""
     bands = balance.bands
     x, names = np.arange(len(bands)), [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in bands]
     for offset, values, color, name in (
@@ -201,12 +193,6 @@ def _draw_bands(axes: Axes, balance: TorqueBalance) -> None:
     axes.set_yscale("log")
     axes.set_xticks(x, names)
     style.label(axes, style.frequency_label(balance.rate_is_known), "%")
-
-
-RUN_CAPTION = (
-    "the model simulated forwards along the log. Left: measured and simulated over the quarter with the largest error "
-    "of the torque; right: error by octave over what the log has there."
-)
 
 
 def twin_run_figure(run: TwinRun, motor: str) -> Figure:
@@ -225,8 +211,7 @@ def twin_run_figure(run: TwinRun, motor: str) -> Figure:
     style.label(panels[-1, 0], "time in s")
     style.label(panels[-1, 1], "upper end of the octave in Hz")
     driven = "its torque" if run.drive == "torque" else "its reference"
-    style.finish(figure, f"{run.log}, {motor}: simulated under {driven}", panels.flat, (panels[0, 0],))
-    return figure
+    return style.finish(figure, f"{run.log}, {motor}: simulated under {driven}", panels.flat, (panels[0, 0],))
 
 
 def _draw_time(axes: Axes, signal: TwinSignal, rate_hz: float, part: slice) -> None:

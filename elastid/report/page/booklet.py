@@ -16,11 +16,11 @@ from matplotlib.transforms import Bbox
 from elastid.base.display import digits, number, percent, value_cells
 from elastid.base.note import NoteGroup
 from elastid.nonlinear.result import FrictionTakenOut, friction_rows
+from elastid.report import overview
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
 from elastid.report.modes import ModeRow
-from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
 
@@ -49,10 +49,10 @@ def front_pages(content: ReportContent) -> Iterator[Figure]:
     rows = parameter_rows(result, content.truth, content.contents)
     status = result.status.replace("_", " ").upper()
     sentences = [
-        summary_line(content),
-        f"{status}: {verdict_sentence(result, rows, agreements)}.",
-        f"Are the numbers good? {numbers_answer(result, rows)}",
-        f"Where does the model fail? {residual_sentence(result, agreements)}",
+        overview.summary_line(content),
+        f"{status}: {overview.verdict_sentence(result, rows, agreements)}.",
+        f"Are the numbers good? {overview.numbers_answer(result, rows)}",
+        f"Where does the model fail? {overview.residual_sentence(result, agreements)}",
     ]
     yield from pages_of(content.title, sentences, content.provenance, _text(content))
 

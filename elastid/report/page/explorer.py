@@ -65,7 +65,6 @@ def curve_scripts() -> tuple[str, ...]:
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
-    """The quantities to choose from; of each curve its look and the arrays that it needs."""
     measured = _curve("measured", "measured", style.MEASURED, ["G"], points=True, ranged=True)
     fitted = _curve("fitted", "model", style.FITTED, ["model"], width=1.5, ranged=True)
     magnitude = [
@@ -102,16 +101,11 @@ def _response(
 ) -> Mapping[str, Any]:
     modelled, std = model
     freq = measured.freq_hz if modelled is None else modelled.freq_hz
-    arrays = {"G": _packed(measured.G)}
-    if modelled is not None:
-        arrays["model"] = _packed(modelled.G)
-    if std is not None:
-        arrays["std"] = _packed(std)
+    quality = measured.quality
+    arrays = {"G": measured.G, "model": None if modelled is None else modelled.G, "std": std}
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
-        if covariance is not None:
-            arrays[name] = _packed(smoothed_std(measured, covariance)[0])
-    if measured.quality is not None:
-        arrays["coherence"] = _packed(measured.quality.coherence)
+        arrays[name] = None if covariance is None else smoothed_std(measured, covariance)[0]
+    arrays["coherence"] = None if quality is None else quality.coherence
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),
         "name": measured.configuration.name,
@@ -119,7 +113,7 @@ def _response(
         "outputs": list(measured.outputs),
         "freq": [float(f"{f:.6g}") for f in freq],
         "at": np.searchsorted(freq, measured.freq_hz).tolist(),
-        "arrays": arrays,
+        "arrays": {name: _packed(values) for name, values in arrays.items() if values is not None},
     }
 
 

@@ -12,22 +12,9 @@ from markupsafe import Markup, escape
 from elastid.base.arrays import FloatArray
 from elastid.base.display import percent
 from elastid.fit.result import FitResult
+from elastid.report import overview
 from elastid.report.content import ParameterRow, ReportContent
 from elastid.report.modes import ModeDrawing, spring_names
-from elastid.report.overview import (
-    WIDTH_WORDS,
-    commands,
-    half_width,
-    is_wrong,
-    next_steps,
-    numbers_answer,
-    residual_sentence,
-    strip,
-    summary_line,
-    verdict_sentence,
-    widest,
-    width_class,
-)
 from elastid.robot import Robot
 
 # Pixels of the drawing, and free ones about it.
@@ -42,10 +29,8 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
     for body in robot.all_bodies:
         for i, joint in enumerate(body.joints):
-            if i == 0 or any(joint.point):
-                groups.append((joint.name,))
-            else:
-                groups[-1] = (*groups[-1], joint.name)
+            own = () if i == 0 or any(joint.point) else groups.pop()
+            groups.append((*own, joint.name))
     return groups
 
 
@@ -71,8 +56,8 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     own = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    level = max(map(width_class, [row for row in own if not row.name.startswith("fm")]), default=None)
-    widths = ", ".join(f"{row.name} ±{percent(half_width(row))}" for row in own) or "nothing identified here"
+    level = max(map(overview.width_class, [row for row in own if not row.name.startswith("fm")]), default=None)
+    widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in own) or "nothing identified here"
     css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
     return (
@@ -96,27 +81,28 @@ def _projected(drawing: ModeDrawing) -> FloatArray:
 
 # The axis of the table reaches at least and at most so far to either side, as a ratio to the estimate.
 MIN_REACH, MAX_REACH = 1.02, 100.0
-# Pixels of the drawing of an interval.
+# Of a row; pixels of the drawing of its interval.
+MARKS = ("low", "high", "start", "truth")
 BAR_WIDTH = 120.0
 
 
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
     """Values for the status bar and the three columns; a sketch only where the robot has points that are drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
-    classes = [width_class(row) for row in rows]
+    classes = [overview.width_class(row) for row in rows]
     return {
-        "sentence": verdict_sentence(content.result, rows, content.validation.configurations),
-        "numbers_answer": numbers_answer(content.result, rows),
-        "summary": summary_line(content),
+        "sentence": overview.verdict_sentence(content.result, rows, content.validation.configurations),
+        "numbers_answer": overview.numbers_answer(content.result, rows),
+        "summary": overview.summary_line(content),
         "sketch": robot_sketch(content.robot, drawing, rows) if content.robot is not None and drawing else "",
-        "widest": None if is_wrong(content.result) else widest(rows),
-        "half_width": half_width,
-        "width_class": width_class,
-        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(WIDTH_WORDS)],
-        "strip": strip(content.validation.configurations),
-        "residuals": residual_sentence(content.result, content.validation.configurations),
-        "actions": next_steps(content, rows),
-        "commands": commands(content),
+        "widest": None if overview.is_wrong(content.result) else overview.widest(rows),
+        "half_width": overview.half_width,
+        "width_class": overview.width_class,
+        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
+        "strip": overview.strip(content.validation.configurations),
+        "residuals": overview.residual_sentence(content.result, content.validation.configurations),
+        "actions": overview.next_steps(content, rows),
+        "commands": overview.COMMANDS,
         "meanings": meanings(content),
         "correlated": correlated(content.result),
     }
@@ -148,25 +134,24 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
     Marks beyond the axis are at its end. A number whose estimate or start is not positive is drawn about its estimate,
     relative to its size.
     """
-    ratios = [end for row in rows for end in (*row.interval, *((row.truth,) if row.truth is not None else ()))]
-    sizes = [row.estimate for row in rows for _ in range(2 + (row.truth is not None))]
-    spread = [abs(_log_ratio(value, size)) for value, size in zip(ratios, sizes, strict=True)]
+    known = [(value, row) for row in rows for value in (*row.interval, row.truth) if value is not None]
+    spread = [abs(_log_ratio(value, row.estimate)) for value, row in known]
     finite = [value for value in spread if math.isfinite(value)]
     reach = float(np.clip(max(finite, default=0.0), math.log(MIN_REACH), math.log(MAX_REACH)))
 
-    def place(value: float, estimate: float) -> float:
-        ratio = float(np.clip(_log_ratio(value, estimate) / reach, -1, 1))
+    def place(value: float | None, row: ParameterRow) -> float:
+        if value is None:
+            return math.nan
+        ratio = float(np.clip(_log_ratio(value, row.estimate) / reach, -1, 1))
         return round(BAR_WIDTH / 2 * (1 + 0.94 * ratio), 1)
 
-    return {
+    axis = {
         row.name: {
-            "low": place(row.interval[0], row.estimate),
-            "high": place(row.interval[1], row.estimate),
-            "start": place(row.start, row.estimate),
-            "truth": place(row.truth, row.estimate) if row.truth is not None else math.nan,
+            key: place(value, row) for key, value in zip(MARKS, (*row.interval, row.start, row.truth), strict=True)
         }
         for row in rows
-    } | {"": {"reach": math.exp(reach)}}
+    }
+    return axis | {"": {"reach": math.exp(reach)}}
 
 
 def _log_ratio(value: float, estimate: float) -> float:

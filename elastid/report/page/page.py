@@ -1,16 +1,17 @@
-"""One self-contained HTML page per study, for a mail attachment, a phone or paper; no network needed."""
+"""One self-contained HTML page of a study, of responses or of a fleet, for mail, phone or paper, without a network."""
 
 from __future__ import annotations
 
 import base64
 import io
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -18,33 +19,21 @@ from PIL import Image
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.escape import file_names
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.base.note import grouped
 from elastid.nonlinear.result import friction_rows
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import style
-from elastid.report.figures.drawings import (
-    CONFIGURATION,
-    Drawing,
-    drawings,
-    friction_drawings,
-    quality_drawings,
-    response_drawings,
-)
-from elastid.report.figures.responses import configuration_title
+from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
-from elastid.report.page.booklet import (
-    PDF_METADATA,
-    bound,
-    front_pages,
-    front_pages_of_responses,
-    missing_glyphs_allowed,
-)
+from elastid.report.page import booklet
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
+
+if TYPE_CHECKING:
+    from elastid.validation.fleet import Finding, FleetValue  # brings SciPy's statistics
 
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
@@ -73,7 +62,7 @@ def write_report(
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    page, front = partial(html, content), front_pages(content)
+    page, front = partial(html, content), booklet.front_pages(content)
     return write_page(content.title, page, drawings(content), front, folder, formats, execution)
 
 
@@ -99,14 +88,13 @@ def write_page(
     write = partial(_written, figures, tuple(formats))
     embedded = (execution or Execution()).ordered(write, todo)
     if "pdf" in formats:
-        write_whole(paper, bound(title, front, todo))
+        write_whole(paper, booklet.bound(title, front, todo))
     write_whole(folder / name, page(within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
     return folder / name
 
 
 @own_style()
 def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
-    """The files of a figure, and what the page has of it."""
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
         figure = drawing.draw()
     png = rendered(figure, "png") if drawing.on_page or "png" in formats else b""
@@ -172,31 +160,21 @@ def render(
 ) -> str:
     """A page of a template of this package; curves: data of the explorer, values: further names."""
     environment = Environment(
-        loader=PackageLoader("elastid.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=PackageLoader("elastid.report", "page"), autoescape=True, undefined=StrictUndefined
     )
+    environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
-    return environment.get_template(template).render(
-        {"mode_viewer": ""} | values,
-        asset=asset,
-        content=content,
-        figures=figures,
-        explorer=curves,
-        scripts=scripts,
-        policy=script_policy(scripts),
-    )
+    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
+    return environment.get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 
 
 def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     """The figure as the bytes of a file."""
     buffer = io.BytesIO()
-    with missing_glyphs_allowed():
+    with booklet.missing_glyphs_allowed():
         if kind == "pdf":
-            figure.savefig(buffer, format=kind, metadata=PDF_METADATA)
+            figure.savefig(buffer, format=kind, metadata=booklet.PDF_METADATA)
             return buffer.getvalue()
         figure.savefig(buffer, format="rgba", dpi=DPI)
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
@@ -228,8 +206,8 @@ def write_page_of_responses(
     content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    page, front = partial(html_of_responses, content), front_pages_of_responses(content)
-    return write_page(content.title, page, _response_drawings(content), front, folder, formats, execution)
+    page, front = partial(html_of_responses, content), booklet.front_pages_of_responses(content)
+    return write_page(content.title, page, drawings_of_responses(content), front, folder, formats, execution)
 
 
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
@@ -239,10 +217,89 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     return render("responses.html.j2", content, figures, responses, curve_scripts(), frequency_unit=unit)
 
 
-def _response_drawings(content: ResponsesContent) -> Iterator[Drawing]:
-    yield from friction_drawings(content.friction)
-    files = file_names([response.configuration.name for response in content.responses], "frf")
-    for file, response in zip(files, content.responses, strict=True):
-        title = configuration_title(response, left_out=False)
-        yield from response_drawings(file, response, None, title)
-        yield from quality_drawings(file, response, title)
+def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
+    """One column a robot, its dates from left to right; marked: robots with a finding."""
+    figure, panels = style.panels(1, 1, (style.WIDE, 3.2), (0.8, 0.25, 0.85, 0.9), (0.0, 0.0))
+    axes = panels[0, 0]
+    robots = list(dict.fromkeys(value.robot for value in values))
+    days = sorted({value.day for value in values})
+    width = 0.6 / max(1, len(days))
+    for is_marked in (False, True):
+        own = [value for value in values if (value.robot in marked) == is_marked]
+        if not own:
+            continue
+        x = [robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own]
+        looks = {"ms": 2.5, "elinewidth": 0.9, "color": style.FITTED if is_marked else style.TOTAL}
+        text = "differs or drifts" if is_marked else "robot, dates from left to right"
+        y, std = np.array([(value.value, value.std) for value in own]).T
+        style.plot_intervals(axes, np.array(x), y, std, **looks, label=text)
+    names_fit = len(robots) <= 40
+    if names_fit:
+        style.set_names(axes.xaxis, robots, rotation=90)
+    style.label(axes, "" if names_fit else "robot", f"{style.plain(name)} in {style.pretty_unit(unit)}")
+    return style.finish(figure, f"{name} over the fleet", [axes], [axes])
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the study of a robot on a date ended."""
+
+    robot: str
+    date: str
+    status: str
+    message: str
+
+    @property
+    def failed(self) -> bool:
+        """True where it has no numbers."""
+        return self.status in ("failed", "died")
+
+    @property
+    def words(self) -> str:
+        """As messages name it."""
+        return f"{self.robot} on {self.date}"
+
+
+@dataclass(frozen=True)
+class FleetContent:
+    """Parameters of the robots of a fleet over dates, and their findings.
+
+    units: of the parameters.  rate: false discovery rate of the findings.  made_by: versions and platform, in words.
+    """
+
+    title: str
+    values: tuple[FleetValue, ...]
+    units: Mapping[str, str]
+    findings: tuple[Finding, ...]
+    outcomes: tuple[Outcome, ...]
+    rate: float
+    made_by: str
+
+    @property
+    def verdict(self) -> str:
+        """The findings in a sentence."""
+        robots = len({outcome.robot for outcome in self.outcomes})
+        done = sum(not outcome.failed for outcome in self.outcomes)
+        count = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
+        if not self.findings:
+            return count + "no parameter differs or drifts beyond its interval."
+        first = "; ".join(finding.words for finding in self.findings[:3])
+        more = f"; and {len(self.findings) - 3} more" if len(self.findings) > 3 else ""
+        return f"{count}{first}{more}."
+
+
+def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
+    """folder/fleet.html and folder/figures/*.png; the path of the page."""
+    page = partial(render, "fleet.html.j2", content)
+    formats: tuple[FigureFormat, ...] = ("png",)
+    return write_page(content.title, page, _fleet_drawings(content), (), folder, formats, name="fleet.html")
+
+
+def _fleet_drawings(content: FleetContent) -> Iterator[Drawing]:
+    names = list(dict.fromkeys(value.parameter for value in content.values))
+    for count, name in enumerate(names, start=1):
+        marked = {finding.robot for finding in content.findings if finding.parameter == name}
+        own = [value for value in content.values if value.parameter == name]
+        caption = f"{name} of every robot and date with its 95 % interval."
+        draw = partial(fleet_parameter, name, content.units[name], own, marked)
+        yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

@@ -18,8 +18,8 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.result import JointFriction
 from elastid.report.figures import style
-from elastid.report.figures.friction_curve import DIRECTIONS, Condition, law_band, law_directions, units
-from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
+from elastid.report.figures.drawings import JOINT, friction_study_drawings
+from elastid.report.figures.friction import DIRECTIONS, Condition, law_band, law_directions, units
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
 from elastid.report.page.booklet import columns, heading, pages_of, twin_text, wrapped
 from elastid.report.page.explorer import curve_scripts
@@ -91,10 +91,9 @@ def _curve(name: str, law: StaticLaw) -> Mapping[str, Any]:
 
 def _placed(n: int, lines: FloatArray, values: FloatArray) -> list[float | None]:
     """n values, None on all but these lines."""
-    row: list[float | None] = [None] * n
-    for i, value in zip(lines.tolist(), _rounded(values), strict=True):
-        row[int(i)] = value
-    return row
+    row = np.full(n, np.nan)
+    row[lines] = values
+    return _rounded(row)
 
 
 def _rounded(values: FloatArray) -> list[float | None]:
@@ -144,22 +143,17 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
         return ()
     torque = "N" if joint.slides else "N*m"
     units = {"inertia": "kg" if joint.slides else "kg*m^2", "slope": "N*s/m" if joint.slides else "N*m*s/rad"}
-    return tuple(
-        (SHARED[kind] + (f" ({load})" if load else ""), number(value), number(std, 2), units.get(name, torque))
-        for name, (value, std) in joint.levels.shared.items()
-        for kind, load in (_of_load(name),)
-        if kind in SHARED
-    )
-
-
-def _of_load(name: str) -> tuple[str, str]:
-    """gravity.cos.full -> gravity.cos, full."""
-    kind = ".".join(name.split(".")[:2])
-    return kind, name[len(kind) + 1 :]
+    rows = []
+    for name, (value, std) in joint.levels.shared.items():
+        kind = ".".join(name.split(".")[:2])  # of gravity.cos.full the load is full
+        load = name[len(kind) + 1 :]
+        if kind in SHARED:
+            words = SHARED[kind] + (f" ({load})" if load else "")
+            rows.append((words, number(value), number(std, 2), units.get(name, torque)))
+    return tuple(rows)
 
 
 def _text(content: FrictionContent) -> Iterator[str]:
-    """The page without its figures, on paper."""
     yield from heading(content.title, content.notes)
     for sentence in content.answers:
         yield from wrapped(sentence)

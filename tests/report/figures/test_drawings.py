@@ -8,8 +8,7 @@ from plants import friction_study as study
 from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair, report_content
 
-from elastid.report.figures.drawings import drawings
-from elastid.report.figures.friction_drawings import friction_study_drawings
+from elastid.report.figures.drawings import drawings, friction_study_drawings
 from elastid.validation.agreement import validate
 
 

@@ -1,15 +1,72 @@
-"""The figure of friction that was taken out."""
+"""Levels, law and what it leaves of them, over speed, load and temperature."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import pytest
+from plants import friction_study as study
 from plants.dry_friction import robot
-from plants.report_values import lines_of
+from plants.published_friction import drawn, published_levels
+from plants.report_values import bars_of, lines_of
 from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
-from elastid.report.figures.friction import curve_of, friction_curves
+from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.spec import LawSpec
+from elastid.report.figures.friction import (
+    Condition,
+    conditions_of,
+    curve_of,
+    friction_conditions,
+    friction_curve,
+    friction_taken_out,
+    residuals,
+)
+
+
+def test_the_curve_has_every_level_and_the_law_of_each_direction() -> None:
+    """Friction grows more forwards; what is left is in std."""
+    law = study.law()
+    curve, left = friction_curve(law).axes
+    levels = law.levels
+    for sign, name in ((1.0, "positive"), (-1.0, "negative")):
+        own = levels.direction == sign
+        x, y = bars_of(curve)[f"levels, {name} direction"]
+        np.testing.assert_array_equal((x, y), (levels.speed[own], levels.torque[own]))
+        v, torque = lines_of(curve)[f"law, {name} direction"].get_data()
+        np.testing.assert_allclose(torque, study.F_C + (study.VISCOUS + sign * study.UNEVEN) * np.asarray(v), rtol=0.02)
+        assert (v[0], v[-1]) == pytest.approx((levels.speed.min(), levels.speed.max()))
+    shown = np.sort(np.concatenate([line.get_ydata() for line in left.get_lines() if line.get_marker() in "os"]))
+    np.testing.assert_allclose(shown, np.sort(residuals(law)))
+
+
+@pytest.fixture(scope="module")
+def published() -> StaticLaw:
+    return StaticLaw.of(drawn(published_levels(loads=(0.0, 0.5, 1.0), temperatures=(33.0, 62.0, 80.0)), 1), LawSpec())
+
+
+def test_levels_of_other_conditions_are_grey_and_counted(published: StaticLaw) -> None:
+    """12 speeds at 3 loads and 3 temperatures: 12 levels are the curve's."""
+    axes = friction_curve(published).axes[0]
+    points = {name: len(x) for name, (x, _) in bars_of(axes).items()}
+    assert points == {"levels at other loads and temperatures": 96, "levels, both directions": 12}
+    assert Condition.typical(published.levels).text(published) == "at a load of 0 N·m and 62 °C"
+
+
+def test_levels_over_load_and_temperature_lie_as_far_from_the_law_as_they_do(published: StaticLaw) -> None:
+    """Each panel keeps the residuals of its speeds; a law of neither has no figure."""
+    figure = friction_conditions(published)
+    assert figure is not None
+    over_load, over_heat = figure.axes
+    assert (over_load.get_title(), over_heat.get_title()) == ("at 62 °C", "at a load of 0 N·m")
+    levels = published.levels
+    slowest = levels.speed == levels.speed.min()
+    _, y = bars_of(over_load)["1"]
+    line = over_load.get_lines()[0]
+    away = y - np.interp(levels.load[slowest], *line.get_data())
+    np.testing.assert_allclose(away / levels.std[slowest], residuals(published)[slowest], atol=1e-6)
+    assert conditions_of(study.law()) == []
 
 
 def test_the_curve_after_a_reversal_goes_from_one_sliding_level_to_the_other() -> None:
@@ -33,7 +90,7 @@ def test_without_a_bristle_it_is_a_curve_over_velocity() -> None:
 def test_the_figure_shows_the_unexplained_torque_of_every_motor_and_a_curve_where_friction_was_found() -> None:
     """Before and after, by configuration; motor 2 has no curve."""
     friction = taken_friction()
-    figure = friction_curves(friction)
+    figure = friction_taken_out(friction)
     titles = {axes.get_title(): axes for axes in figure.axes if axes.axison}
     assert list(titles) == ["motor 1: F_c = 4.5 ± 0.44 N·m", "motor 1: torque not explained",
                             "motor 2: torque not explained"]  # fmt: skip
@@ -48,7 +105,7 @@ def test_the_figure_shows_the_unexplained_torque_of_every_motor_and_a_curve_wher
 def test_the_law_of_the_robot_file_stands_beside_the_curve() -> None:
     """On the link side, both signs; without a robot there is none."""
     label = "F_c of the robot's file"
-    with_law = friction_curves(taken_friction(), robot((4.0, 7.0))).axes[0]
+    with_law = friction_taken_out(taken_friction(), robot((4.0, 7.0))).axes[0]
     drawn = [line.get_ydata()[0] for line in with_law.get_lines() if line.get_label() == label]
     np.testing.assert_allclose(drawn, (4.0, -4.0))
-    assert label not in lines_of(friction_curves(taken_friction()).axes[0])
+    assert label not in lines_of(friction_taken_out(taken_friction()).axes[0])

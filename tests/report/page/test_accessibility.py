@@ -14,8 +14,7 @@ from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair
 
 from elastid.report.content import ResponsesContent
-from elastid.report.page.page import html, html_of_responses
-from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
+from elastid.report.page.page import FleetContent, Outcome, html, html_of_responses, write_page_of_fleet
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.validation.fleet import FleetValue, find_changes
 

@@ -15,7 +15,7 @@ import pytest
 from cycler import cycler
 from matplotlib import rc_context
 from plants.arm_modes import mode_row
-from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
+from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, full_content, pair, report_content
 
 from elastid.base.display import number
 from elastid.base.execution import Execution
@@ -24,8 +24,19 @@ from elastid.fit.result import ModificationIndex
 from elastid.parameters import ParameterSet
 from elastid.report.content import parameter_rows
 from elastid.report.figures.responses import frf_magnitude
-from elastid.report.page.page import DPI, EmbeddedFigure, html, rendered, within, write_report
+from elastid.report.page.page import (
+    DPI,
+    EmbeddedFigure,
+    FleetContent,
+    Outcome,
+    fleet_parameter,
+    html,
+    rendered,
+    within,
+    write_report,
+)
 from elastid.validation.agreement import validate
+from elastid.validation.fleet import FleetValue
 
 
 class Page(HTMLParser):
@@ -299,3 +310,17 @@ def test_the_page_has_a_table_of_modification_indices():
     ):
         assert given.replace("-", "−") in text or given in text, given
     assert "Modification indices" not in Page(html(small_content(), [])).text
+
+
+def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
+    """Two dates of each robot lie left and right of its name."""
+    values = [FleetValue(robot, day, "k_1", i + day, 0.1) for i, robot in enumerate("AB") for day in (0.0, 1.0)]
+    points = bars_of(fleet_parameter("k_1", "N*m/rad", values, {"B"}).axes[0])
+    np.testing.assert_allclose(points["robot, dates from left to right"], ((-0.15, 0.15), (0.0, 1.0)))
+    np.testing.assert_allclose(points["differs or drifts"], ((0.85, 1.15), (1.0, 2.0)))
+
+
+def test_the_verdict_counts_what_was_identified() -> None:
+    outcomes = (Outcome("A", "2026-01-01", "converged", ""), Outcome("B", "2026-01-01", "died", "no memory"))
+    verdict = FleetContent("fleet", (), {}, (), outcomes, 0.05, "elastid").verdict
+    assert verdict == "2 robots, 1 of 2 measurements identified: no parameter differs or drifts beyond its interval."

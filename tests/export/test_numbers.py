@@ -13,10 +13,10 @@ from elastid.app.identified_robot import robot_of_fit
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control
 from elastid.export.csv import write_csv
-from elastid.export.fmu.unit import unit_sources
-from elastid.export.intervals import HELD, interval_lines, known_numbers
+from elastid.export.fmu import unit_sources
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
+from elastid.export.numbers import HELD, interval_lines, known_numbers
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.parameters import ParameterSet, Tie

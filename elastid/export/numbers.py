@@ -1,13 +1,26 @@
-"""The numbers of a fit with their intervals, as exported files carry them; a held number has no std."""
+"""Numbers as exported files carry them: in full, those of a fit with their intervals; a held number has no std."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from elastid.fit.fitted_robot import FittedRobot, parameters_of
 from elastid.fit.result import FitResult
 from elastid.parameters import Parameter
+
+HELD = "held, not identified"
+
+
+def in_full(values: Iterable[float], separator: str = " ") -> str:
+    """Numbers as they are read back, one behind the other."""
+    return separator.join(repr(float(value)) for value in values)
+
+
+def c_row(values: Iterable[float]) -> str:
+    """Numbers as the initial value of an array in C."""
+    return "{" + in_full(values, ", ") + "}"
 
 
 @dataclass(frozen=True)
@@ -24,11 +37,6 @@ class KnownNumber:
     low: float
     high: float
     words: str
-
-    @property
-    def is_identified(self) -> bool:
-        """True if the data constrain it."""
-        return math.isfinite(self.std)
 
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
@@ -48,9 +56,6 @@ def lines_of(result: FitResult, configuration: str) -> tuple[str, ...]:
     ended = result.status.replace("_", " ")
     head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
     return head, *(f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers)
-
-
-HELD = "held, not identified"
 
 
 def _known(result: FitResult, parameter: Parameter) -> KnownNumber:
