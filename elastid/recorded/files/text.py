@@ -49,7 +49,7 @@ class TextLog:
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
         """The same, where headings may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
-        return [(name, (len(self.number_lines) - self.first,)) for name in names]
+        return [(name, ((len(self.number_lines) - self.first) // self.format.interleaved,)) for name in names]
 
     def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
         """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
@@ -57,6 +57,18 @@ class TextLog:
 
     def columns(self, wanted: Sequence[int]) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
+        n = self.format.interleaved
+        if n == 1:
+            return self._table(wanted)
+        table = self._table(range(self.n_columns // n))
+        if len(table) % n:
+            raise DataError(
+                f"{self.path}: its {len(table)} rows are no whole number of samples of {n} rows; correct "
+                "text.interleaved, or cut the file after a whole sample"
+            )
+        return np.asarray(table.reshape(len(table) // n, -1)[:, list(wanted)])
+
+    def _table(self, wanted: Sequence[int]) -> FloatArray:
         needed = sorted(set(wanted))
         try:
             data: FloatArray = np.loadtxt(
@@ -90,7 +102,10 @@ class TextLog:
 
     def _column(self, channel: ChannelSpec) -> int:
         column = channel.column
-        if channel.channel and (self.headings or column is None):
+        numbered = None if self.headings else re.fullmatch(r"column ([1-9]\d{0,5})", channel.channel)
+        if numbered and column in (None, int(numbered[1])):
+            column = int(numbered[1])
+        elif channel.channel and (self.headings or column is None or numbered):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not headed:
                 start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
@@ -138,7 +153,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}"
         )
     n_columns = len(_fields(numbers[first], text))
-    yield TextLog(path, text, numbers, _headings(lines[:first], text, n_columns), first, n_columns)
+    headings = _headings(lines[:first], text, n_columns) if text.interleaved == 1 else ()
+    yield TextLog(path, text, numbers, headings, first, n_columns * text.interleaved)
 
 
 def guess_format(path: Path) -> TextFormatSpec:
