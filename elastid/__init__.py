@@ -112,7 +112,7 @@ if TYPE_CHECKING:
     from elastid.study import load_study as load_study
     from elastid.validation.agreement import validate as validate
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Which names a module has, in the order of the work.
 _NAMES = {

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
@@ -15,6 +17,7 @@ from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, joint_called
 from elastid.study.source import KeyPath
+from elastid.validation.spec import CompareSpec, ValidationSpec
 
 _FRICTION: KeyPath = ("friction",)
 _PASSES: KeyPath = ("friction", "passes")
@@ -49,6 +52,11 @@ def _check_sections(study: Study) -> Iterator[Problem]:
     for name in ("excitation", "design"):
         if getattr(study, name) is not None:
             message = f"friction is measured by passes and loops, not by {name}; drop this section, or friction"
+            yield Problem((name,), message, at_key=True)
+    unused = {"estimator": EstimatorSpec(), "fit": FitSpec(), "validation": ValidationSpec(), "compare": CompareSpec()}
+    for name, default in unused.items():
+        if getattr(study, name) != default:
+            message = f"no stage of a study of friction uses {name}; drop this section, or friction"
             yield Problem((name,), message, at_key=True)
     if study.experiment.responses is not None:
         message = "friction is found in motions, not in frequency responses; give logs (recorded) or simulated"

@@ -84,6 +84,8 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("experiment.simulated.truth.Fc_m2=1", "no parameter of the robot is called 'Fc_m2'; did you mean 'Fc_m1'?"),
         ("experiment.simulated.truth.Fc_m1=1 N", "unit 'N' measures N, not N*m"),
         ("experiment.simulated.truth.Fc_m1=40", "no robot has this number: friction: stiction (F_s) is 31 N*m, below"),
+        ("validation={left_out: [upright]}", "validation: no stage of a study of friction uses validation; drop this"),
+        ("fit={starts: 3}", "fit: no stage of a study of friction uses fit; drop this section, or friction"),
         ("design={count: 2}", "design: friction is measured by passes and loops, not by design"),
     ],
 )
