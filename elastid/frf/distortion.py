@@ -180,7 +180,8 @@ def unit_impedance(
     """
     N, rate_hz = record.period_samples, record.rate_hz
     step = max(1, int(N / (16 * lines[-1])))  # 16 lags in a period of the highest line
-    lag = np.arange(0, int(N / lines[0]) + 1, step)
+    # A period of the lowest line; after half of the record's own, odd lines repeat with the other sign.
+    lag = np.arange(0, int(N / lines[0]) + 1 if lines[0] > 1 else N // 2, step)
     y = _step_response(mobility, lines, N)[lag] * rate_hz
     moving = np.arange(V.shape[1]) >= lines[0]
     R = np.fft.irfft(np.mean(np.abs(V) ** 2, axis=0) * moving, N) / N

@@ -242,8 +242,8 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
         first, last = max(0, p * L - window), min(p * L + window + 1, (P - 1) * L)
         gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
         release(record.y)
-    if record.half_wave:  # the mean over whole periods is gone already
-        gain -= gain[: P // 2 * 2].mean(axis=0)
+    if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
+        gain -= 2 * record.y[: P // 2 * 2 * L].mean(axis=0)[drifts]
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     return (sign ** np.arange(P))[:, None] * gain, ramp
 

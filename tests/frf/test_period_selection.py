@@ -85,6 +85,17 @@ def test_periods_whose_noise_level_varies_are_kept() -> None:
     assert lost <= 1
 
 
+def test_periods_of_a_slow_wander_are_kept() -> None:
+    """A random walk has its scatter in few lines, where the distances of three or five periods differ by chance."""
+    lost = 0
+    for seed in range(100):
+        record = steady_record((3, 5)[seed % 2], noise=1e-4, seed=seed)
+        walk = np.cumsum(np.random.default_rng(seed).normal(size=record.u.shape), axis=0)
+        wandering = replace(record, u=record.u + 2e-3 * record.u.std() * walk)
+        lost += len(trusted(periods_of(wandering, LINES, "acceleration"), AUTO).periods) < record.n_periods
+    assert lost <= 1
+
+
 def test_noise_free_periods_that_differ_by_rounding_are_all_kept() -> None:
     """A simulation without noise repeats to 1e-9, which is no outlier."""
     record = steady_record(8)

@@ -96,6 +96,16 @@ def test_a_half_wave_position_that_is_off_centre_has_the_same_spectra() -> None:
     np.testing.assert_allclose(off_centre, centred, rtol=0, atol=1e-9)
 
 
+def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spectra() -> None:
+    """What moves the mean of the record, and not the ends of the other half periods, is no part of these."""
+    lines, half = np.arange(1, 120, 2), N // 2
+    record = replace(steady_record(3, "position", lines=lines), half_wave=True)
+    moved = record.y.copy()
+    moved[2 * half : 3 * half, 0] += record.y.std() * np.hanning(half) ** 8
+    still, slow = (periods_of(replace(record, y=y), lines, "position").Y for y in (record.y, moved))
+    np.testing.assert_allclose(np.delete(slow, 2, 0), np.delete(still, 2, 0), rtol=0, atol=1e-6 * record.y.std())
+
+
 def test_half_wave_records_have_no_even_lines() -> None:
     """`full` is refused, and a half-wave position that is off centre and drifts is no trouble."""
     lines = np.arange(1, 120, 2)

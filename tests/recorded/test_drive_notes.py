@@ -66,6 +66,19 @@ def test_lines_with_a_common_divisor_have_no_delay_of_parts_of_a_period(n: int) 
         assert "lags r by 2.0 samples" in note.text
 
 
+@pytest.mark.parametrize("step", [1, 2, 4])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> None:
+    """U = s^2 / (s^2 + 2 zeta w s + w^2) R of a stiff loop leads, as lines 3, 7, 11 do a quarter of a period late."""
+    lines = np.arange(3, 80, step)
+    ratio = 1j * lines / 15.0
+    feedback = ratio**2 / (1 + 0.8 * ratio + ratio**2)
+    for seed in range(10):
+        phases = np.exp(2j * np.pi * np.random.default_rng(seed).random((len(lines), 1)))
+        r, u = (np.tile(synthesise(lines, U, 400)[:, 0], 3) for U in (phases, phases * feedback[:, None]))
+        assert _notes(r, sign * u, 400) == ([] if sign > 0 else ["mirrored-torque"])
+
+
 def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:
     save_csv(tmp_path / "log.csv", log)
     channels = with_names({"i1": "i1", "i2": second_current, "phi": "phi", "w2": "w2"})

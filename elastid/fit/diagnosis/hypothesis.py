@@ -42,6 +42,7 @@ class Limits:
 
     (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
     discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
+    False alarms of 100 clean fits: modification-index 0.
     """
 
     # Beyond this model error or, where the noise is unknown, below this share responses may have been misread; their

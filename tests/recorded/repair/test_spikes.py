@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,6 +64,23 @@ def test_noise_and_steps_of_an_encoder_are_no_spikes(seed: int, level: float, q:
     repaired = despiked(signals, N, 1, LOG)
     assert repaired.findings == ()
     np.testing.assert_array_equal(repaired.signals, signals)
+
+
+@pytest.mark.parametrize("periods", [3, 4, 5])
+def test_few_periods_of_a_slow_wander_have_no_spikes_but_their_own(periods: int) -> None:
+    """One of three periods is their median, and a sample of it between others of it is no spike; one of 30 sigma is."""
+    rng = np.random.default_rng(periods)
+    for seed in range(20):
+        n = periods * N
+        slow = np.cumsum(rng.normal(size=(n, 2)), axis=0) * np.array([5e-5, 0.05])
+        signals = wave(np.arange(n), seed) + slow + rng.normal(size=(n, 2)) * np.array([1e-4, 0.1])
+        repaired = despiked(signals, N, 1, LOG)
+        np.testing.assert_array_equal(repaired.signals, signals)
+        spoilt = signals.copy()
+        spoilt[N + 77, 1] += 6.0
+        repaired = despiked(spoilt, N, 1, LOG)
+        assert counts(repaired.findings) == {REPLACED: 1}
+        assert np.abs(repaired.signals - signals).max() < 2.0
 
 
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:

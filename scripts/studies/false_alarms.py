@@ -1,0 +1,315 @@
+"""How often does each repair, note and warning appear on logs in which nothing is wrong?
+
+    python scripts/studies/false_alarms.py [--quick] [--logs 300] [--seed 0] [--jobs 1] [--rig two_axis_arm.py]
+
+Sets of clean logs of many kinds (clean_logs.py) are read, repaired and estimated, and one in three is fitted with its
+diagnosis, by the true robot's file. An alarm is a repair, a warning, a refusal, a status that is not `converged`,
+friction that is taken out of a robot without any, or a peak too many; each counts once in a set. What is true of a
+kind, such as a period that differs because the torque stepped in it, is none (`true_of`). --rig: a module with
+`dataset` and `write` as the module of an outside rig has them, one more set of which is read for ten of the others.
+
+The thresholds are the fields of all classes of elastid named ...Limits or ...Thresholds. Those on which a judgement
+depends that these logs can show are in JUDGEMENTS; all others are printed as without a rate. The docstring of a class
+with a rate quotes it, as `False alarms of 300 clean logs: spikes-replaced 2, spikes-left 0.` It is asserted that each
+quoted count agrees with this run by the 95 % intervals of both, and that no judgement without a quoted rate has alarms
+in more than 1 % of the sets. The last line is one JSON object.
+
+300 sets and 100 fits: in a slow wander the first period, the drift of whose end is known from one side only, looks like
+a transient in 5 sets, and like no repetition in 1; lines next to the wander are left out as weak in 3; 2 have a spike;
+the residuals of 2 fits are 1.5 and 1.7 times the noise.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import importlib
+import json
+import re
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from inspect import getdoc
+from pathlib import Path
+from typing import Any
+
+import h5py
+from clean_logs import PERIOD, RATE_HZ, Kind
+from scipy.stats import beta
+
+import elastid
+from elastid.base.errors import ElastidError
+from elastid.base.execution import ordered
+from elastid.base.note import Note
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.peaks import peaks
+from elastid.nouns import Response
+from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
+from elastid.study import load
+
+FIT_EVERY, RIG_EVERY = 3, 10
+MAX_RATE = 0.01
+# Table: judgement -> the fields on which it depends, all of them where it is "*".
+JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
+    "recorded.repair.spikes.SpikeLimits": {"spikes-replaced": "*", "spikes-left": "max_share"},
+    "recorded.repair.stops.StopLimits": {"stops": "*"},
+    "recorded.repair.DriftLimits": {"drifting-channels": "*"},
+    "recorded.repair.missing.MissingLimits": {
+        "lost-samples-put-back": "min_periods max_shift max_remaining_share",
+        "doubled-samples-taken-out": "min_periods max_shift max_remaining_share",
+    },
+    "recorded.repair.clock.ClockLimits": {
+        "samples-resampled": "max_error min_shift max_remaining_share",
+        "late-torque": "min_correlation",
+    },
+    "recorded.repair.converter.ConverterLimits": {
+        "quantised-channels": "min_noise_share min_repeats step_tolerance",
+        "samples-at-a-limit": "max_step_share min_run min_departure min_places min_clipped_share max_rounding "
+        "min_side_samples equal_tolerance",
+        "refused": "max_clipped_share",
+    },
+    "recorded.drive_notes.DriveLimits": {
+        "mirrored-torque": "main_power_share min_correlation_gain",
+        "late-torque": "min_reported_lag main_power_share max_left_by_lag",
+        "same-signal": "max_difference",
+    },
+    "recorded.periodicity.RepetitionLimits": {"refused": "*"},
+    "frf.period_selection.Limits": {
+        "transient-left-out": "relative_error groups lines_in_group negligible_distance spread lines",
+        "periods-left-out": "periods negligible_distance spread lines",
+    },
+    "frf.quality.Limits": {
+        "input-barely-excited": "input_snr weak_share",
+        "output-barely-moved": "weak_share",
+        "inputs-move-together": "condition",
+    },
+    "frf.checks.Limits": {
+        "lines-left-out": "power_ratio",
+        "same-phases": "phase_difference lines",
+        "exchanged-channels": "highest_share relative_gain mean_gain",
+        "wrong-sign": "sigmas passive_lines lines",
+        "refused": "clock_difference",
+    },
+    "frf.peaks.Limits": {"false-peak": "*"},
+    "nonlinear.choice.Limits": {"friction-taken-out": "*"},
+    "nonlinear.places.Limits": {"friction-sticks": "*"},
+    "fit.diagnosis.configurations.Limits": {
+        "unlike-configuration": "residual_ratio",
+        "two-groups": "removed_share removed_alone cost_ratio cost_ratio_alone difference",
+    },
+    "fit.diagnosis.misreadings.Limits": {"modification-index": "*"},
+    "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
+    "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
+    "fit.diagnosis.judge.RankingLimits": {"modification-index": "*"},
+    "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
+    "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
+    "fit.diagnosis.status.Limits": {
+        "at-bound": "near_bound",
+        "bound-in-most-starts": "held_share",
+        "weakly-determined": "interval_factor unconstrained_factor",
+        "correlated": "correlation",
+        "undetermined": "singular_value part_of_direction",
+        "weakest-combination": "singular_value part_of_direction",
+        "model-error": "model_error",
+        "status-model_error": "model_error explained_share",
+    },
+}
+START = {"transient-left-out": "the logs of the outside rig begin with its start"}
+OF_FITS = "fit.diagnosis."
+TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
+QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits): ([\w\s,-]+)")
+
+
+@dataclass(frozen=True)
+class Alarms:
+    """Codes of the alarms of one set of logs, with their sentences, and what was done with the set."""
+
+    name: str
+    codes: Mapping[str, str]
+    is_fitted: bool
+    is_known: frozenset[str]
+
+
+def judged(number: int, seed: int, rig: str) -> Alarms:
+    """All alarms of a set of clean logs; of the outside rig where the number is beyond those of the kinds."""
+    with tempfile.TemporaryDirectory() as name:
+        if number < 0:
+            return _alarms(f"outside rig {-number}", lambda: _of_rig(rig, -number, Path(name)), True, START, seed)
+        kind = Kind.drawn(number, seed)
+
+        def measured() -> tuple[list[Record], Any]:
+            return read(kind, Path(name)), kind.robot
+
+        return _alarms(str(kind), measured, number % FIT_EVERY == 0, true_of(kind), seed)
+
+
+def true_of(kind: Kind) -> dict[str, str]:
+    """Alarms that are true of a kind, and why."""
+    true = {}
+    if kind.step:
+        true |= dict.fromkeys(("periods-left-out", "transient-left-out"), "the period with the step differs")
+    if kind.carrier and kind.axes > 1 and not kind.has_reference:
+        true["lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
+    if kind.coulomb:
+        true["friction-taken-out"] = "there is friction"
+    return true
+
+
+def _alarms(name: str, measured: Any, is_fitted: bool, true: Mapping[str, str], seed: int) -> Alarms:
+    """Reads, estimates and fits; a refusal ends it."""
+    codes: dict[str, str] = {}
+    try:
+        records, robot = measured()
+        codes |= _codes(note for record in records for note in record.notes)
+        responses = Response.estimate(records, robot)
+        codes |= _codes(note for response in responses for note in response.notes)
+        springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
+        for response in responses:
+            if len(peaks(response)) > springs:
+                codes["false-peak"] = f"{len(peaks(response))} peaks of {springs} springs"
+        if is_fitted:
+            free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
+            result = identify(responses, robot, FitSpec(parameters=free, starts=3, seed=seed))
+            codes |= _codes(result.notes)
+            if result.status != "converged":
+                codes[f"status-{result.status}"] = result.message
+    except ElastidError as error:
+        codes["refused"] = str(error)
+    return Alarms(name, {code: text for code, text in codes.items() if code not in true}, is_fitted, frozenset(true))
+
+
+def _codes(notes: Iterable[Note]) -> dict[str, str]:
+    return {note.code: str(note) for note in notes if note.severity == "warning" or note.code == "friction-taken-out"}
+
+
+def read(kind: Kind, folder: Path) -> list[Record]:
+    """The logs of a kind, written to files and read as a laboratory's are."""
+    files, channels = [], []
+    for i, log in enumerate(kind.logs()):
+        with h5py.File(folder / f"{i}.h5", "w") as file:
+            for name, signal in log.signals.items():
+                file[name] = signal
+        files.append(FileSpec(f"{i}.h5", log.configuration, log.realisation, log.experiment))
+    for j, place in enumerate(kind.robot.motor_locations, 1):
+        channels += [ChannelSpec("r", place, f"r{j}")] if kind.has_reference else []
+        channels += [ChannelSpec("u", place, f"u{j}")]
+        channels += [ChannelSpec("y", place, f"q{j}", quantity="position", side="motor")]
+    recorded = RecordedSpec(
+        RATE_HZ, tuple(channels), tuple(files), PERIOD / RATE_HZ, half_wave=kind.half_wave, hold="zero-order"
+    )
+    rig = RecordedRig(kind.robot, ExperimentSpec(kind.configurations, recorded=recorded), folder)
+    return [rig.measure(experiment) for experiment in rig.experiments]
+
+
+def _of_rig(path: str, number: int, folder: Path) -> tuple[list[Record], Any]:
+    """A set of the outside rig with its true stiffnesses as a start."""
+    # Nothing is written beside it.
+    sys.dont_write_bytecode = True
+    os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / "outside_rig")
+    sys.path.insert(0, str(Path(path).parent))
+    module = importlib.import_module(Path(path).stem)
+    module.write(module.dataset(seed=number, M=1 + number % 3, periods=(2, 3, 5)[number % 3]), str(folder))
+    study = load(folder / "study.yml").study
+    rig = RecordedRig(study.robot, study.experiment, folder)
+    return [rig.measure(experiment) for experiment in rig.experiments], study.robot
+
+
+def tables() -> Iterator[tuple[str, type]]:
+    """Every class of thresholds of which its module has a value, by its place below elastid."""
+    folder = Path(elastid.__file__).parent
+    for path in sorted(folder.rglob("*.py")):
+        if not TABLE.search(path.read_text(encoding="utf-8")):
+            continue
+        place = ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
+        values = vars(importlib.import_module(f"elastid.{place}")).values()
+        for table in dict.fromkeys(type(value) for value in values if is_dataclass(value)):
+            if table.__module__ == f"elastid.{place}" and table.__name__.endswith(("Limits", "Thresholds")):
+                yield f"{place}.{table.__name__}", table
+
+
+def interval(count: int, of: int) -> tuple[float, float]:
+    """The 95 % interval of a rate (Clopper and Pearson, 1934)."""
+    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
+    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+
+
+def quoted(table: type) -> dict[str, tuple[int, int]]:
+    """Judgement -> count and number of logs that the docstring of a table quotes."""
+    counts = {}
+    for number, text in QUOTED.findall(getdoc(table) or ""):
+        for code, count in re.findall(r"([\w-]+) (\d+)", text):
+            counts[code] = int(count), int(number)
+    return counts
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--logs", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--rig", default="")
+    given = parser.parse_args()
+    count = 6 if given.quick else given.logs
+    outside = range(-1, -1 - count // RIG_EVERY, -1) if given.rig else ()
+    found = ordered(partial(judged, seed=given.seed, rig=given.rig), [*range(count), *outside], given.jobs)
+    alarms = list(found)
+    for each in alarms:
+        for code, text in each.codes.items():
+            print(f"{code}: {each.name}: {text[:160]}")
+    totals = Counter(code for each in alarms for code in each.codes)
+    fits = sum(each.is_fitted for each in alarms)
+    unmeasured, wrong, rows = [], [], {}
+    print(f"\n{'judgement':<28}{'threshold':<64}{'rate':>8}  95 % interval")
+    for place, table in tables():
+        of = fits if place.startswith(OF_FITS) else len(alarms)
+        names = [field.name for field in fields(table)]
+        covered, known = set(), quoted(table)
+        for code, text in JUDGEMENTS.get(place, {}).items():
+            low, high = interval(totals[code], of)
+            rows[code] = [totals[code], of, low, high]
+            chosen = names if text == "*" else text.split()
+            covered |= set(chosen)
+            for name in chosen:
+                rate = f"{100 * totals[code] / of:.1f} %"
+                print(f"{code:<28}{place + '.' + name:<64}{rate:>8}  {100 * low:.1f} to {100 * high:.1f} %")
+            if code not in known:
+                wrong.append(f"{place} quotes no rate of {code}")
+            elif not _agree(known[code], (totals[code], of)):
+                wrong.append(f"{place} quotes {known[code]} of {code}, measured are {totals[code]} of {of}")
+        wrong += [f"{place} has no field {name}" for name in covered - set(names)]
+        unmeasured += [f"{place}.{name}" for name in names if name not in covered]
+    print(f"\nwithout a measured rate: {', '.join(unmeasured)}")
+    of_tables = {code for judgements in JUDGEMENTS.values() for code in judgements}
+    for code in sorted(set(totals) - of_tables):
+        low, high = interval(totals[code], len(alarms))
+        rows[code] = [totals[code], len(alarms), low, high]
+        rate = f"{100 * totals[code] / len(alarms):.1f} %"
+        print(f"{code:<28}{'in no table':<64}{rate:>8}  {100 * low:.1f} to {100 * high:.1f} %")
+        if low > MAX_RATE:
+            wrong.append(f"{code} has alarms in {totals[code]} of {len(alarms)} sets and no table quotes it")
+    print("\n".join(wrong))
+    print(json.dumps({"logs": len(alarms), "fits": fits, "alarms": rows, "unmeasured": unmeasured, "wrong": wrong}))
+    assert not wrong
+
+
+def _agree(first: tuple[int, int], second: tuple[int, int]) -> bool:
+    """True if the intervals of two counts of so many overlap."""
+    (a, b), (c, d) = interval(*first), interval(*second)
+    return a <= d and c <= b
+
+
+if __name__ == "__main__":
+    main()
