@@ -86,7 +86,8 @@ def test_every_text_is_utf_8() -> None:
             if not isinstance(node, ast.Call):
                 continue
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            if name not in ("open", "read_text", "write_text") or "webbrowser" in ast.unparse(node.func):
+            methods = ("open", "read_text", "write_text") if isinstance(node.func, ast.Attribute) else ("open",)
+            if name not in methods or "webbrowser" in ast.unparse(node.func):
                 continue
             words = [*node.args, *(keyword.value for keyword in node.keywords)]
             modes = [one.value for one in words if isinstance(one, ast.Constant) and isinstance(one.value, str)]
