@@ -225,6 +225,29 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 @cli.command()
 @_study
+@click.option(
+    "--with",
+    "source",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="RESULT",
+    help="Run folder of a study of friction, or its friction.h5.",
+)
+@_stage_options
+def predict(study: Path, source: Path, **options: Any) -> None:
+    """Judge the friction that another study has identified on the logs of this one: prediction.json.
+
+    For each joint it shows the part of the torque of the logs that the result explains and leaves, by octaves, beside
+    what a regression of the logs themselves leaves, and the motion of the robot simulated along the logs.
+    """
+    asked = _run(study, options)
+    from elastid.app.predict import predict as predict_friction
+
+    predict_friction(asked, source)
+
+
+@cli.command()
+@_study
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @_stage_options
 def export(study: Path, target: str, **options: Any) -> None:

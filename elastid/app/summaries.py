@@ -189,6 +189,20 @@ def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings
     }
 
 
+def prediction_summary(
+    name: str, source: str, twin: TwinFindings, own: Mapping[str, float], missing: Mapping[str, str]
+) -> str:
+    """prediction.json: torque and twin of the logs of a study under the friction of `source`.
+
+    own: the share of the torque that a regression of the logs leaves, by place.  missing: reasons by joint.
+    """
+    torque = _twin(twin)
+    for balance in torque["torque"]:
+        balance["left_by_own_regression"] = own[balance["place"]]
+    content = {"schema": SCHEMA, "study": name, "with": source, "not_predicted": dict(missing)} | torque
+    return json.dumps(json_value(content), indent=1, allow_nan=False) + "\n"
+
+
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
     nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}

@@ -140,7 +140,8 @@ def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Pa
     joint_levels = find_joint_levels(robot, joints, measured)
 
     def report(console: Console) -> None:
-        console.notes(note for each in joint_levels for note in each.notes)
+        said = [note for record in measured.records for note in record.notes]
+        console.notes(note for each in joint_levels for note in each.notes if note not in said)
         for each in joint_levels:
             console.say(f"levels: joint {each.joint}: {_level_words(each)}")
 

@@ -1,0 +1,86 @@
+"""Friction of one study on the logs of another."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.studies import study as script
+
+from elastid.app import cli
+
+STUDY = """
+name: axis
+robot:
+  name: axis
+  gravity: [0, 0, 0]
+  bodies: [{name: arm, joints: [{name: "1", axis: z, motor: {inertia: 6, ratio: 1}}]}]
+friction: {passes: detect}
+experiment:
+  recorded:
+    rate_hz: 500
+    channels:
+      - {role: u, at: motor 1, channel: column 1, unit: N*m}
+      - {role: y, at: motor 1, channel: column 2, quantity: position, unit: rad}
+    files: [{path: log.csv}]
+"""
+
+
+@pytest.fixture(scope="module")
+def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """The study of a log of a rigid axis with J = 6 kg*m^2, f = 20 N*m*s/rad and a Coulomb friction."""
+    axis = script("uneven_clocks")
+
+    def made(name: str, seed: int, coulomb: float) -> Path:
+        folder = tmp_path_factory.mktemp(name)
+        rng = np.random.default_rng(seed)
+        q, u = (signal[::4, 0] for signal in axis.simulated(1, rng, 16.0, coulomb))
+        np.savetxt(folder / "log.csv", np.stack([u + rng.normal(0, 0.5, len(u)), q], axis=1), delimiter=",")
+        (folder / "study.yml").write_text(STUDY, encoding="utf-8")
+        return folder / "study.yml"
+
+    return made
+
+
+def command(*words: str | Path) -> int:
+    return cli.run_command([*map(str, words), "-q"])
+
+
+def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_more(
+    study_of: Callable[..., Path], tmp_path: Path
+) -> None:
+    """As well as a regression of that log; where Coulomb friction is 4 Nm more, what is left is that, 0.1 % off."""
+    first, second, third = study_of("first", 1, 12.0), study_of("second", 2, 12.0), study_of("third", 2, 16.0)
+    assert command("run", first, "--run", tmp_path / "first") == 0
+    left = {}
+    for name, study in (("second", second), ("third", third)):
+        folder = tmp_path / name
+        assert command("predict", study, "--with", tmp_path / "first", "--run", folder) == 0
+        content = json.loads((folder / "prediction.json").read_text(encoding="utf-8"))
+        (torque,) = content["torque"]
+        left[name] = torque["left"]
+        assert content["not_predicted"] == {}
+        assert torque["left_by_own_regression"] <= torque["left"] < torque["left_without_friction"]
+        (run,) = content["twin"]
+        (angle,) = (signal for signal in run["signals"] if signal["signal"] == "motor angle")
+        assert angle["error"] < 0.2 * angle["error_without_friction"]
+        u = np.loadtxt(study.parent / "log.csv", delimiter=",")[:, 0]
+    assert left["second"] < 1e-4
+    assert left["third"] * np.mean(u**2) == pytest.approx(4.0**2, rel=0.15)
+
+
+def test_what_cannot_be_predicted_is_refused(
+    study_of: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No result there, and a study of elasticity."""
+    study = study_of("alone", 3, 12.0)
+    assert command("predict", study, "--with", tmp_path / "nowhere", "--run", tmp_path / "run") == 2
+    assert "nowhere is not there; name the run folder of a study of friction" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+    assert cli.run_command(["new", str(tmp_path / "elastic")]) == 0
+    capsys.readouterr()
+    assert command("predict", tmp_path / "elastic" / "study.yml", "--with", tmp_path) == 2
+    assert "the study identifies elasticity" in capsys.readouterr().err
