@@ -96,9 +96,7 @@ class _Topic:
                     numbers, values = joints.setdefault((field, joint), ([], []))
                     numbers.append(number)
                     values.append(float(value))
-        return _seconds(stamps), {
-            key: (np.array(numbers), np.array(values)) for key, (numbers, values) in joints.items()
-        }
+        return _seconds(stamps), {key: (np.array(at), np.array(values)) for key, (at, values) in joints.items()}
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[Any]]:

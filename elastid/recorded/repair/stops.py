@@ -43,8 +43,7 @@ def without_stops(
     """Signals (n, c), NaN in the repetitions of L samples with a stop, and cut where the last stop has no end.
 
     roles: the columns of u and y, which stand still together in a stop.  repeats: true if signals (n, d), NaN where
-    missing, repeat as stated.  Unchanged where the rest does not.
-    Raises DataError where fewer than two repetitions are left.
+    missing, repeat as stated; unchanged where the rest does not.  DataError where fewer than two repetitions are left.
     """
     P = len(signals) // L
     if P < 2 or LIMITS.min_window * LIMITS.min_still_windows > L:
