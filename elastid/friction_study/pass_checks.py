@@ -111,24 +111,18 @@ def check_loads(passes: Sequence[Pass]) -> None:
 
 
 def offset_steps(
-    offset: FloatArray,
-    speed: FloatArray,
-    load: FloatArray,
-    names: Sequence[str],
-    level: FloatArray,
-    place: str,
-    slides: bool,
+    pairs: Mapping[str, Sequence[Pass]], offset: FloatArray, speed: FloatArray, load: FloatArray, level: FloatArray
 ) -> tuple[Note, ...]:
     """A note for each load on offsets of pairs (n,), in the order in which they were measured, that jump between two.
 
     A part that grows with speed is no offset but friction that differs between the directions.
     """
+    names, first = list(pairs), next(iter(pairs.values()))[0]
     rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / PASSES.same_load)
     groups = [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
-    texts = [
-        _offset_step(offset[own], speed[own], [names[i] for i in own], level[own], drive_unit(slides)) for own in groups
-    ]
-    return tuple(Note("moved-offset", text, f"passes of {place}") for text in texts if text)
+    unit = drive_unit(first.slides)
+    texts = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in groups]
+    return tuple(Note("moved-offset", text, f"passes of {first.place}") for text in texts if text)
 
 
 def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
