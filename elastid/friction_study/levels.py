@@ -146,7 +146,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
     notes += offset_steps(pairs, o, speed, load, g)
-    notes += gravity_note(shared, g, used[0].place, used[0].slides)
+    notes += gravity_note(shared, g, used[0])
     return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
 
 

@@ -126,7 +126,6 @@ def offset_steps(
 
 
 def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
-    """The sentence on a jump; empty without one."""
     n = len(offset)
     smooth = np.stack([np.ones(n), speed], axis=1)
     dof = n - 3
@@ -151,22 +150,20 @@ def _left(A: FloatArray, y: FloatArray) -> float:
     return float(left @ left)
 
 
-def gravity_note(
-    shared: Mapping[str, tuple[float, float]], levels: FloatArray, place: str, slides: bool
-) -> tuple[Note, ...]:
+def gravity_note(shared: Mapping[str, tuple[float, float]], levels: FloatArray, member: Pass) -> tuple[Note, ...]:
     """A note on gravity that is much larger than friction."""
     if "gravity.cos" not in shared or not len(levels):
         return ()
     gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
     if gravity < PASSES.large_gravity * friction:
         return ()
-    unit = drive_unit(slides)
+    unit = drive_unit(member.slides)
     text = (
         f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
         f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
         "measure about the vertical, in a posture with less gravity, or with a counterweight"
     )
-    return (Note("large-gravity", text, f"passes of {place}"),)
+    return (Note("large-gravity", text, f"passes of {member.place}"),)
 
 
 # Degrees of the polynomials, and bins of the angle.

@@ -29,8 +29,7 @@ from elastid.recorded.repair_order import repair, repair_without_period
 class RecordedRig:
     """Lab logs as a rig (see experiment.plan.rig); their paths are relative to base, the folder of the study.
 
-    Raises StudyError where files, channels and robot do not fit together; measure raises DataError for a log that
-    cannot be used.
+    StudyError where files, channels and robot do not fit together; `measure`: DataError for a log that is of no use.
     """
 
     robot: Places

@@ -1,9 +1,8 @@
-"""Samples that a logger lost or doubled, and missing ones (NaN), filled from other repetitions or interpolated.
+"""Samples that a logger lost (NaN rows are put in) or doubled (taken out), and missing ones (NaN).
 
-From a lost or doubled sample on every period is shifted by whole samples.  The place is where the sum of squares, with
-the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
-taken out.  Missing samples are filled from the same phase of other repetitions; without a period gaps of a sample or
-two by the cubic through the samples beside them, while a longer gap is refused.
+From a lost or doubled sample on every period is shifted by whole samples; the place is where the sum of squares, with
+the old shift before and the new one after, is smallest.  Missing samples are filled from the same phase of other
+repetitions, without a period by the cubic through the samples beside a gap of one or two.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """A stop within a record, such as an emergency stop: no torque and no motion where other repetitions have both.
 
-A repetition with a stop in it is missing (NaN), so that it is left out; what follows a stop for good is cut off.  A
-stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
+A stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
 """
 
 from __future__ import annotations
