@@ -252,8 +252,7 @@ class RestResponse:
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
         """From the periodic records of one amplitude, each a realisation.
 
-        Raises DataError for a record without a period and where the place moves by less than a few counts of its
-        encoder, and as `estimate` does.
+        DataError for a record without a period, motion of less than a few counts of the encoder, and as `estimate`.
         """
         first, periodic = records[0], [_periodic(record, i) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))

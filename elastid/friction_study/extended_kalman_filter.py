@@ -61,7 +61,6 @@ class FollowedJoint:
     correlation_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse half an elastic joint, and viscous friction followed twice."""
         if (self.stiffness > 0) != (self.link_inertia > 0):
             raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
         if "f" in self.followed and {"f+", "f-"} & set(self.followed):
@@ -209,7 +208,6 @@ class JointSamples:
     angle: FloatArray
 
     def __post_init__(self) -> None:
-        """Check that they belong together."""
         if not len(self.torque) == len(self.load) == len(self.angle):
             raise ValueError("a filter takes as many torques and loads as angles")
         if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):

@@ -37,20 +37,18 @@ from elastid.robot import Joint, Robot
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has neither, or they cannot be evaluated."""
-    motions = evaluate_motions(robot, joints, measured)
-    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name)) for joint in joints)
+    motions, none = _motions(robot, joints, measured), JointMotion(None, (), False, ())
+    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, none)) for joint in joints)
 
 
-def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion | None) -> JointLevels:
+def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    records = [*planned, *(motion.passes if motion is not None else ())]
+    records, friction = [*planned, *motion.passes], motion.friction
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
     notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
-    friction = None
-    if motion is not None:
-        notes, friction = [*notes, *motion.notes], motion.friction
+    notes += motion.notes
     if not records and friction is None:
         raise DataError(
             f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
@@ -59,9 +57,8 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     if not records:
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
-    has_gravity = against or (motion is not None and motion.has_gravity)
     turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
-    levels = levels_of_records(records, has_gravity, turn)
+    levels = levels_of_records(records, against or motion.has_gravity, turn)
     passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
@@ -82,12 +79,8 @@ class JointMotion:
     notes: tuple[Note, ...]
 
 
-def evaluate_motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
-    """The motions of each joint that has some; where it moved alone and with others, alone counts.
-
-    Raises DataError where the logs of a joint give neither a regression nor passes, where torque and angle are of
-    different sides, and where friction drives.
-    """
+def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
+    """The motions of each joint that has some; where it moved alone and with others, alone counts."""
     logs: dict[str, dict[str, FrictionRecord]] = {}
     for record in measured.records:
         if record.purpose == "motion":
@@ -102,9 +95,7 @@ def evaluate_motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRe
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     against = turns_against_gravity(robot, joint, records[0].configuration)
-    problems: list[str] = []
-    passes: list[FrictionRecord] = []
-    notes: list[Note] = []
+    problems, passes, notes = list[str](), list[FrictionRecord](), list[Note]()
     friction = None
     for record in records:
         try:
@@ -138,10 +129,8 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
             check_torques(robot, measured, torques_in_file(robot, robot_log), next(iter(log.values())).place)
         result = regress_robot_motion(robot, robot_logs)
         for joint in joints:
-            records = [
-                replace(log[joint], torque=alone[joint].torque)
-                for log, alone in zip(members, result.alone, strict=True)
-            ]
+            pairs = zip(members, result.alone, strict=True)
+            records = [replace(log[joint], torque=alone[joint].torque) for log, alone in pairs]
             passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
             friction = result.friction[joint]
             evaluated[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
@@ -150,13 +139,10 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
 
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
+    temperatures = [float(np.nan_to_num(each.mean_temperature)) for each in passes]
     conditions = {
-        (
-            round(np.log(each.speed or 1.0) / PLATEAUS.same_speed),
-            each.load,
-            round(float(np.nan_to_num(each.mean_temperature)) / TEMPERATURE_STEP_K),
-        )
-        for each in passes
+        (round(np.log(each.speed or 1.0) / PLATEAUS.same_speed), each.load, round(degc / TEMPERATURE_STEP_K))
+        for each, degc in zip(passes, temperatures, strict=True)
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
@@ -164,9 +150,8 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
 def _robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
     first = next(iter(log.values()))
     angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
-    resting = {
-        joint.name: float(angle) for joint, angle in zip(robot.driven, angles, strict=True) if joint.name not in log
-    }
+    every = zip(robot.driven, angles, strict=True)
+    resting = {joint.name: float(angle) for joint, angle in every if joint.name not in log}
     return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
 
 

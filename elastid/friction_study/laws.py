@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,9 +27,29 @@ class StaticLaw:
 
     @classmethod
     def of(cls, levels: Levels, spec: LawSpec) -> StaticLaw:
-        """The law that the levels identify; FitError as `choose_law`."""
-        fit, held = choose_law(levels, spec)
-        return cls(levels, fit, held)
+        """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
+        names = ("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",)
+        fit = fit_curve(levels, Terms(names, (), {}))
+        parts, held = _parts(levels), dict[str, str]()
+        waiting = list(parts)
+        # A part may show only after a later one: what was refused by its numbers is tried once more.
+        for _ in range(2):
+            held.clear()
+            for part in tuple(waiting):
+                wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
+                if wider is None:
+                    held.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
+                    continue
+                fit = wider
+                waiting.remove(part)
+                held.pop(part.name, None)
+        taken = {part.name for part in parts} - {part.name for part in waiting}
+        for part in waiting:
+            if getattr(spec, part.name) == "yes" and part.name not in taken:
+                raise FitError(f"friction of {levels.place}: law.{part.name} cannot be identified: {held[part.name]}")
+        # Of a part that is there, a further number that does not show is no refusal.
+        shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+        return cls(levels, fit, tuple(Held(name, reason) for name, reason in shown.items()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,11 +91,8 @@ class StaticLaw:
         value, eta = self.values, self.fit.values
         load, temperature, directions = None, None, None
         if "load.coulomb" in value or "load.stiction" in value:
-            load = LoadDependence(
-                max(0.0, value.get("load.coulomb", 0.0)),
-                value.get("load.stiction"),
-                value.get("load.stribeck_velocity"),
-            )
+            stiction, velocity = value.get("load.stiction"), value.get("load.stribeck_velocity")
+            load = LoadDependence(max(0.0, value.get("load.coulomb", 0.0)), stiction, velocity)
         if "temperature.viscous" in value or "temperature.stiction" in value:
             temperature = TemperatureDependence(
                 self.fit.T_0, value.get("temperature.stiction", 0.0), value.get("temperature.stribeck_velocity", 0.0),
@@ -133,50 +150,34 @@ class Held:
 
 @dataclass(frozen=True)
 class _Part:
-    """Numbers that come together: how they enter the terms, and the reason why the conditions cannot identify them.
+    """Numbers that come together, if the terms have `after`, and the reason why the conditions cannot identify them.
 
-    refusal: that reason, "" without one.  is_tested: by F.  Not so a number that would otherwise be held at one that
-    was not measured: it is free where it can be identified at all, since the intervals of the others would not hold the
-    truth.
+    name: key of the part in a study's law.  refusal: that reason, "" without one.  held: until they are searched for.
+    is_tested: by F.  Not so a number that would otherwise be held at one that was not measured: it is free where it can
+    be identified at all, since the intervals of the others would not hold the truth.
     """
 
     name: str
-    key: Part
-    add: Callable[[Terms], Terms]
     refusal: str
+    linear: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
+    after: str = ""
+    held: Mapping[str, float] = field(default_factory=dict)
     is_tested: bool = True
 
-
-def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...]]:
-    """The law with the parts that levels identify, and the others with reasons; FitError where such a one is `yes`."""
-    fit = fit_curve(levels, Terms(("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",), (), {}))
-    waiting, held = list(_parts(levels, spec)), dict[str, str]()
-    # A part may show only after a later one: what was refused by its numbers is tried once more.
-    for _ in range(2):
-        held.clear()
-        for part in tuple(waiting):
-            wider, reason = _tried(levels, fit, part)
-            if wider is None:
-                held.setdefault(part.name, reason)  # a later number of the same part has the same reason, or a lesser
-                continue
-            fit = wider
-            waiting.remove(part)
-            held.pop(part.name, None)
-    taken = {part.name for part in _parts(levels, spec)} - {part.name for part in waiting}
-    for part in waiting:
-        if part.key == "yes" and part.name not in taken:
-            raise FitError(f"friction of {levels.place}: law.{part.name} cannot be identified: {held[part.name]}")
-    # Of a part that is there, a further number that does not show is no refusal.
-    shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
-    return fit, tuple(Held(name, reason) for name, reason in shown.items())
+    def added(self, terms: Terms) -> Terms:
+        if self.after and self.after not in (*terms.linear, *terms.searched):
+            return terms
+        held = {name: value for name, value in {**terms.held, **self.held}.items() if name not in self.searched}
+        return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
 
 
-def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None, str]:
-    if part.key == "no":
+def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[CurveFit | None, str]:
+    if key == "no":
         return None, NOT_ASKED
     if part.refusal:
         return None, part.refusal
-    terms = part.add(fit.terms)
+    terms = part.added(fit.terms)
     if terms == fit.terms:
         return None, "it needs a Stribeck curve, which the levels do not show"
     try:
@@ -185,7 +186,7 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None,
         return None, str(error)
     new = [name for name in wider.names if name not in fit.names]
     chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
-    if part.is_tested and chance > FALSE_ALARM and part.key == "auto":
+    if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
     wide = _widest(wider, new)
     if wide is not None:
@@ -212,58 +213,28 @@ def _widest(fit: CurveFit, names: list[str]) -> str | None:
     return None
 
 
-def _parts(levels: Levels, spec: LawSpec) -> tuple[_Part, ...]:
+def _parts(levels: Levels) -> tuple[_Part, ...]:
     speeds = _distinct(np.log(levels.speed), 0.05)
     temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
     loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
-    few_speeds = (
-        "" if speeds >= MIN_SPEEDS else f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}"
-    )
+    few = f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}" if speeds < MIN_SPEEDS else ""
     one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else f"{ABSENT}: both directions have the same levels"
     one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
     two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
     one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"
     two_T = "" if temperatures > 2 else f"{temperatures} temperatures; an exponential decay needs three, far apart"
     return (
-        _Part("stribeck", spec.stribeck, _with(("excess",), ("stribeck_velocity",), {"exponent": 2.0}), few_speeds),
-        _Part("directions", spec.directions, _with(("directions.coulomb", "directions.viscous")), one_way),
-        _Part("load", spec.load, _with(("load.coulomb",)), one_load),
-        _Part("load", spec.load, _with(("load.excess",), after="stribeck_velocity"), one_load),
-        _Part(
-            "load", spec.load, _with((), ("load.stribeck_velocity",), after="load.excess"), one_load or two_loads
-        ),
-        _Part(
-            "temperature", spec.temperature,
-            _with(("temperature.viscous",), held={"temperature.decay": START_DECAY_K}), one_T,
-        ),
-        _Part(
-            "temperature", spec.temperature,
-            _with(("temperature.stiction",), ("temperature.stribeck_velocity",), after="stribeck_velocity"), one_T,
-        ),
-        _Part(
-            "temperature", spec.temperature,
-            _with((), ("temperature.decay",), after="temperature.viscous"), one_T or two_T, is_tested=False,
-        ),
-        _Part(
-            "exponent", spec.exponent,
-            _with((), ("exponent",), after="stribeck_velocity"), few_speeds, is_tested=False,
-        ),
-        _Part("quadratic", spec.quadratic, _with(("quadratic",)), few_speeds),
-    )  # fmt: skip
-
-
-def _with(
-    linear: tuple[str, ...], searched: tuple[str, ...] = (), held: dict[str, float] | None = None, after: str = ""
-) -> Callable[[Terms], Terms]:
-    """Adds numbers to terms, if they have the one that these come after."""
-
-    def added(terms: Terms) -> Terms:
-        if after and after not in (*terms.linear, *terms.searched):
-            return terms
-        still = {name: value for name, value in (dict(terms.held) | (held or {})).items() if name not in searched}
-        return replace(terms, linear=(*terms.linear, *linear), searched=(*terms.searched, *searched), held=still)
-
-    return added
+        _Part("stribeck", few, ("excess",), ("stribeck_velocity",), held={"exponent": 2.0}),
+        _Part("directions", one_way, ("directions.coulomb", "directions.viscous")),
+        _Part("load", one_load, ("load.coulomb",)),
+        _Part("load", one_load, ("load.excess",), after="stribeck_velocity"),
+        _Part("load", one_load or two_loads, (), ("load.stribeck_velocity",), "load.excess"),
+        _Part("temperature", one_T, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
+        _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
+        _Part("temperature", one_T or two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
+        _Part("exponent", few, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Part("quadratic", few, ("quadratic",)),
+    )
 
 
 def _distinct(values: FloatArray, step: float) -> int:

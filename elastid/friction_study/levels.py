@@ -15,7 +15,7 @@ from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
-from elastid.friction_study.passes import Pass, PassRegression, passes_of
+from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 # Columns (n,) of levels.
@@ -111,9 +111,8 @@ class PassLevels:
 def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
     """The levels of all pairs of one place, by direction.
 
-    has_gravity: True if its torque changes with the angle.  turn: angle of the joint for one turn of the motor, whose
-    ripple is regressed too; 0 for none.
-    Raises DataError where a pair has one direction only, or no pair slides.
+    has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
+    regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
     check_loads(passes)
     used, notes = usable_passes(passes)
@@ -146,8 +145,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    notes += offset_steps(o, speed, load, list(pairs), g, used[0].place, used[0].slides)
-    notes += gravity_note(shared, g, used[0].place, used[0].slides)
+    notes += offset_steps(pairs, o, speed, load, g)
+    notes += gravity_note(shared, g, used[0])
     return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
 
 
@@ -158,11 +157,7 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
     for name, members in pairs.items():
         directions = {each.direction for each in members}
         if len(directions) < 2:
-            word = "positive" if 1.0 in directions else "negative"
-            raise DataError(
-                f"pass {name} of {members[0].place}: it has {word} velocity only; friction cannot be distinguished "
-                "from gravity and offset without the way back; record both directions"
-            )
+            raise DataError(f"pass {name} of {members[0].place}: it has {one_way(directions)}")
     return pairs
 
 
@@ -226,12 +221,8 @@ def _levels(
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
     """The levels of all passes of a joint, as `find_levels`; `shared` is that of the first load."""
     loads = dict.fromkeys(record.load for record in records)
-    by_load = [
-        find_levels(
-            [each for record in records if record.load == load for each in passes_of(record)], has_gravity, turn
-        )
-        for load in loads
-    ]
+    passes = [[each for record in records if record.load == load for each in passes_of(record)] for load in loads]
+    by_load = [find_levels(of_load, has_gravity, turn) for of_load in passes]
     if len(by_load) == 1:
         return by_load[0]
     levels = [each.levels for each in by_load]

@@ -111,28 +111,21 @@ def check_loads(passes: Sequence[Pass]) -> None:
 
 
 def offset_steps(
-    offset: FloatArray,
-    speed: FloatArray,
-    load: FloatArray,
-    names: Sequence[str],
-    level: FloatArray,
-    place: str,
-    slides: bool,
+    pairs: Mapping[str, Sequence[Pass]], offset: FloatArray, speed: FloatArray, load: FloatArray, level: FloatArray
 ) -> tuple[Note, ...]:
     """A note for each load on offsets of pairs (n,), in the order in which they were measured, that jump between two.
 
     A part that grows with speed is no offset but friction that differs between the directions.
     """
+    names, first = list(pairs), next(iter(pairs.values()))[0]
     rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / PASSES.same_load)
     groups = [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
-    texts = [
-        _offset_step(offset[own], speed[own], [names[i] for i in own], level[own], drive_unit(slides)) for own in groups
-    ]
-    return tuple(Note("moved-offset", text, f"passes of {place}") for text in texts if text)
+    unit = drive_unit(first.slides)
+    texts = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in groups]
+    return tuple(Note("moved-offset", text, f"passes of {first.place}") for text in texts if text)
 
 
 def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
-    """The sentence on a jump; empty without one."""
     n = len(offset)
     smooth = np.stack([np.ones(n), speed], axis=1)
     dof = n - 3
@@ -157,22 +150,20 @@ def _left(A: FloatArray, y: FloatArray) -> float:
     return float(left @ left)
 
 
-def gravity_note(
-    shared: Mapping[str, tuple[float, float]], levels: FloatArray, place: str, slides: bool
-) -> tuple[Note, ...]:
+def gravity_note(shared: Mapping[str, tuple[float, float]], levels: FloatArray, member: Pass) -> tuple[Note, ...]:
     """A note on gravity that is much larger than friction."""
     if "gravity.cos" not in shared or not len(levels):
         return ()
     gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
     if gravity < PASSES.large_gravity * friction:
         return ()
-    unit = drive_unit(slides)
+    unit = drive_unit(member.slides)
     text = (
         f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
         f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
         "measure about the vertical, in a posture with less gravity, or with a counterweight"
     )
-    return (Note("large-gravity", text, f"passes of {place}"),)
+    return (Note("large-gravity", text, f"passes of {member.place}"),)
 
 
 # Degrees of the polynomials, and bins of the angle.

@@ -16,7 +16,7 @@ of the residuals are added to it. Rows are means of a few samples, which loses n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -106,9 +106,8 @@ class PassRegression:
             waves.append(_means(np.cumprod(np.tile(wave[:, None], harmonics), axis=1), step))
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
-        regression = cls(
-            np.vstack(rows), np.concatenate(torques), np.concatenate(numbers), np.vstack(waves), tuple(names)
-        )
+        y, of_pass = np.concatenate(torques), np.concatenate(numbers)
+        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
         return regression._with_ripple() if has_ripple else regression
 
     def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -288,9 +287,8 @@ def distinct_speeds(plateaus: Sequence[Plateau]) -> tuple[float, ...]:
 def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
 
-    has_gravity: there and back must then share positions.
-    Of a log with a speed, its plateaus at that speed alone. Raises DataError where such a log has no pass there and
-    back at it.
+    has_gravity: there and back must then share positions.  Of a log with a speed, its plateaus at that speed alone;
+    DataError where such a log has no pass there and back at it.
     """
     plateaus = _plateaus(record, PLATEAUS.steady_hz)
     if record.speed is not None and not plateaus:
@@ -367,15 +365,19 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
     )  # fmt: skip
 
 
+def one_way(ways: Collection[float]) -> str:
+    """The end of a message about passes of one direction alone, 1 or -1."""
+    return (
+        f"{'positive' if 1.0 in ways else 'negative'} velocity only; friction cannot be distinguished from gravity and "
+        "offset without the way back; record both directions"
+    )
+
+
 def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
     where = f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s"
     ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
     if len(ways) == 1:
-        word = "positive" if 1.0 in ways else "negative"
-        return (
-            f"{where}: they have {word} velocity only; friction cannot be distinguished from gravity and offset "
-            "without the way back; record both directions"
-        )
+        return f"{where}: they have {one_way(ways)}"
     if ways:
         return f"{where}: the ways there and back cover no common positions; record both through the same window"
     velocity, _ = _smooth(record, PLATEAUS.steady_hz)

@@ -83,9 +83,8 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     search = _Search(levels, terms, T_0)
     ends = search.ends()
     if not ends:
-        raise FitError(
-            f"friction of {levels.place}: no start of its Stribeck curve leads to an optimum; check its levels"
-        )
+        text = "no start of its Stribeck curve leads to an optimum; check its levels"
+        raise FitError(f"friction of {levels.place}: {text}")
     x, cost = min(ends, key=lambda end: end[1])
     dof = levels.n_levels - n_numbers
     hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)

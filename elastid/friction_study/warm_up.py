@@ -130,9 +130,8 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     if not has_readings and not len(warm_up.level):
         raise DataError("warm-up: neither a thermometer nor test passes; log one of them")
     if not np.any(warm_up.power > 0):
-        raise DataError(
-            "warm-up: the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
-        )
+        text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
+        raise DataError(f"warm-up: {text}")
     fit = _fit_kelvin if has_readings or level_of is not None else _fit_relative
     single, double = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
     if double.dof < 1:
@@ -252,7 +251,5 @@ def _common(pair: Sequence[Pass]) -> list[Pass]:
         return list(pair)
     inside = [(each.position >= low) & (each.position <= high) for each in pair]
     names = ("position", "velocity", "acceleration", "torque")
-    return [
-        replace(each, **{name: getattr(each, name)[own] for name in names})
-        for each, own in zip(pair, inside, strict=True)
-    ]
+    each_inside = zip(pair, inside, strict=True)
+    return [replace(each, **{name: getattr(each, name)[own] for name in names}) for each, own in each_inside]

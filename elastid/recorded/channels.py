@@ -55,17 +55,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Experiment:
-    """The study's section, its channels and rate (1 where unknown), and the files of one experiment."""
-
     recorded: RecordedSpec
     file: FileSpec
     paths: tuple[Path, ...]
-    channels: tuple[ChannelSpec, ...]
-    rate_hz: float
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
         """File and rate of a channel."""
-        return channel.file, float(channel.rate_hz or self.rate_hz)
+        return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
 
 
 def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Places) -> GatheredChannels:
@@ -75,12 +71,11 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     read, never change, or belong to logs without a common excitation, and for a period that is not found.
     """
     channels, rate_hz = recorded.channels, recorded.known_rate_hz
-    paths = tuple(base / path for path in (file.path, *file.also))
-    experiment = _Experiment(recorded, file, paths, channels, rate_hz)
+    experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], paths[0])]
+    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
@@ -124,7 +119,7 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
     """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
     for role in ("r", "u"):
         for part in parts:
-            drivers = [j for j, i in enumerate(part.members) if experiment.channels[i].role == role]
+            drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
             if part.file == 1 and drivers:
                 signals = part.signals[:, drivers]
                 samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
@@ -135,9 +130,9 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     """The channels of one file and rate, on an even grid of samples."""
     number, own_rate_hz = key
-    recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.rate_hz
-    members = tuple(i for i, c in enumerate(experiment.channels) if experiment.key(c) == key)
-    channels, path = [experiment.channels[i] for i in members], experiment.paths[number - 1]
+    recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
+    members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)
+    channels, path = [recorded.channels[i] for i in members], experiment.paths[number - 1]
     has_time = bool(recorded.time) and own_rate_hz == rate_hz
     if has_time and number > 1:  # each logger has its own clock, and not all of them stamps
         has_time = recorded.time in contents(path, recorded.text)
@@ -164,7 +159,7 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
     """The part at the lowest of all rates, frequencies above its range filtered out."""
     if part.rate_hz == rate_hz:
         return part
-    names = tuple(experiment.channels[i].full_name for i in part.members)
+    names = tuple(experiment.recorded.channels[i].full_name for i in part.members)
     ratio, log = part.rate_hz / rate_hz, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz)
     signals, findings = part.signals, part.findings
     # Without a period each end is continued by the other one, moved so that there is no jump.
@@ -184,7 +179,7 @@ def _aligned(
     parts: Sequence[_Part], period: float | None, experiment: _Experiment
 ) -> tuple[list[_Part], tuple[Finding, ...]]:
     """All parts in step with the first file, the start of which is cut where another log started later; the shifts."""
-    paths, channels = experiment.paths, experiment.channels
+    paths, channels = experiment.paths, experiment.recorded.channels
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
     N = None if period is None else round(period)

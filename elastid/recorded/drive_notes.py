@@ -44,7 +44,6 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
 
 
 def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None) -> tuple[str, str] | None:
-    """Code and text of a note on u at the place of r."""
     if np.ptp(r) > 0 and np.array_equal(r, u):
         return "same-signal", (
             f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "

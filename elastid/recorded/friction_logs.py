@@ -1,7 +1,6 @@
-"""Logs of a friction study as records: torque, position and load of each moving joint, in SI, on the link side.
+"""Logs of a friction study as records of each moving joint, in SI, on the link side.
 
-Channels, units, sides, gears and the gaps of a clock are those of `channels`; single missing samples and spikes of the
-torque are repaired by the samples beside them.
+Single missing samples and spikes of the torque are repaired by the samples beside them.
 """
 
 from __future__ import annotations
@@ -56,9 +55,8 @@ def read_friction_logs(
 ) -> FrictionRecords:
     """The records of all logs, whose paths are relative to base.
 
-    joints: whose friction is asked for; the others of a log that move with them are recorded too.  payloads: of each
-    load by name, kg in addition to the robot's own.
-    Raises StudyError where channels, files and robot do not fit together, DataError for a log that cannot be used.
+    joints: whose friction is asked for; others that move are recorded too.  payloads: kg of each load, added to the
+    robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
     """
     recorded = spec.as_recorded()
     postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
@@ -107,9 +105,8 @@ class _LogReader:
         log = Log(self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first)
         repaired = bridged_gaps(signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
-        clean = despiked_without_period(
-            repaired.signals[:, torques], replace(log, names=tuple(log.names[i] for i in torques))
-        )
+        of_torques = replace(log, names=tuple(log.names[i] for i in torques))
+        clean = despiked_without_period(repaired.signals[:, torques], of_torques)
         values = repaired.signals.copy()
         values[:, torques] = clean.signals
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
@@ -192,9 +189,8 @@ class _LogReader:
                 f"{self.path}: joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
                 f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit"
             )
-        return joint.name == self.file.joint or travel > (
-            LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
-        )
+        held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        return joint.name == self.file.joint or travel > held
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
@@ -220,12 +216,11 @@ def _joint_of(channel: ChannelSpec) -> str:
 
 def _link_position(signals: Signals, joint: str) -> FloatArray | None:
     """Of a joint that has an encoder in addition to that of its motor."""
-    both = all(("y", f"{kind} {joint}", "position") in signals for kind in ("motor", "joint"))
-    return signals["y", f"joint {joint}", "position"] if both else None
+    has_motor = ("y", f"motor {joint}", "position") in signals
+    return signals.get(("y", f"joint {joint}", "position")) if has_motor else None
 
 
 def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:
     """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
-    return next(
-        (signals[key] for kind in ("motor", "joint") if (key := (role, f"{kind} {joint}", quantity)) in signals), None
-    )
+    at_motor, at_joint = ((role, f"{kind} {joint}", quantity) for kind in ("motor", "joint"))
+    return signals.get(at_motor, signals.get(at_joint))

@@ -61,10 +61,7 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
 
 
 def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[Note, ...]:
-    """DataError where one of the channels' columns (n,), in each of which samples may be missing, never changes.
-
-    Returns a note on every input that stands still while others move: it is taken as not excited in this experiment.
-    """
+    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move."""
     still = []
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Finding, Log
 from elastid.recorded.repair.clock import CLOCK, at_times
@@ -249,8 +250,7 @@ NO_LINES = (
 def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drivers: FloatArray) -> float | None:
     """Samples of the period at rate_hz, not always whole; None without one.
 
-    drivers (n, d): torques at that rate, NaN where missing, in which a period is searched for where the study says so.
-    Raises DataError where none is found.
+    drivers (n, d): torques at that rate, NaN where missing, to be searched if the study says so; DataError without one.
     """
     stated = recorded.period_of(file)
     if stated is None:
@@ -269,10 +269,16 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     return float(N) if is_whole else rounded_samples(best.best_samples)
 
 
-def advised_period(drivers: FloatArray) -> float | None:
-    """The period of drivers (n, d) of a record that was stated without one; None where they have none."""
+def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
+    """A note on a period of the drivers (n, d) that the study does not state."""
     best = find_period(drivers)
-    return best.best_samples if best.best_correlation >= LIMITS.min_correlation and best.best_samples else None
+    if best.best_correlation < LIMITS.min_correlation or not best.best_samples:
+        return ()
+    text = (
+        f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples: with period: "
+        "find the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
+    )
+    return (Note("unstated-period", text, where),)
 
 
 def grid_samples(period: float, half_wave: bool) -> int:

@@ -1,6 +1,4 @@
-"""A log that is too large for memory: measured in pieces of whole periods, which must be in step with each other.
-
-Without a period the pieces are of any length, and follow each other.
+"""A log that is too large for memory: measured in pieces of whole periods (without one, of any length), in step.
 
 A piece is read, repaired and checked as a log of its own, and its samples go to a file.  Where the pieces are not in
 step (lost samples, a clock that differs, a piece that is refused) the log must be measured as a whole.

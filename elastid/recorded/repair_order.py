@@ -31,8 +31,7 @@ def repair(
 ) -> Repaired:
     """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
 
-    roles: the columns of r, u and y.  check: refuses drivers (n, d), NaN where missing, that are not periodic.
-    Raises DataError for a fault without a repair.
+    roles: the columns of r, u and y.  check: refuses drivers (n, d) that are not periodic.  DataError without a repair.
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -19,7 +18,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
 from elastid.recorded.link_side import check_holds, hold_samples, link_side_factor, to_joints
-from elastid.recorded.periodicity import advised_period, check_repeat, grid_samples
+from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
@@ -30,8 +29,7 @@ from elastid.recorded.repair_order import repair, repair_without_period
 class RecordedRig:
     """Lab logs as a rig (see experiment.plan.rig); their paths are relative to base, the folder of the study.
 
-    Raises StudyError where files, channels and robot do not fit together; measure raises DataError for a log that
-    cannot be used.
+    StudyError where files, channels and robot do not fit together; `measure`: DataError for a log that is of no use.
     """
 
     robot: Places
@@ -39,7 +37,6 @@ class RecordedRig:
     base: Path
 
     def __post_init__(self) -> None:
-        """Check everything that needs no log."""
         checked_configurations(self.spec, self.robot)
         _check_files(self.spec, self._recorded.files, self.base)
         _check_channels(self._recorded.channels, self.robot)
@@ -71,9 +68,8 @@ class RecordedRig:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         several_rates = any(channel.rate_hz is not None for channel in recorded.channels)
-        if period == "find" or (period or 0) % 1 or recorded.time or file.also or several_rates:
-            return None
-        if not may_be_large(path):
+        needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or several_rates
+        if needs_all or not may_be_large(path):
             return None
         n = rows_of(path, recorded.channels, recorded.text) or 0
         start, end = file.samples or (0, n)
@@ -96,65 +92,52 @@ class RecordedRig:
     def _as_a_whole(self, experiment: Experiment, file: FileSpec) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
-        rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
-        log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)
-        return _record(experiment, recorded, file, gathered, log, self.robot)
-
-
-def _record(
-    experiment: Experiment,
-    recorded: RecordedSpec,
-    file: FileSpec,
-    gathered: GatheredChannels,
-    log: Log,
-    robot: Places,
-) -> Record:
-    channels = gathered.channels
-    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
-    places = [channel.at for channel in channels]
-    # r in the order of the inputs that it acts on.
-    roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
-    where = f"record {experiment.name}"
-    repaired, N, rate_hz = _repaired(gathered, roles, recorded, log)
-    signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
-    notes = [replace(note, place=where) for note in gathered.notes]
-    notes += [finding.note(where) for finding in findings]
-    notes += drive_notes(channels, signals, N, where)
-    notes += same_signal_notes(channels, signals, where)
-    if N is not None:
-        n = len(gathered.signals)
-        lost = int(n * N / (gathered.period or N)) - len(repaired.signals)
-        if all(finding.kind != STOPPED for finding in repaired.findings):
-            notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
-    elif "none" not in (file.period, recorded.period):
-        notes += _period_notes(signals[:, roles["r"] or roles["u"]], where)
-    signals = signals @ to_joints(channels, robot).T
-    held = hold_samples(recorded, channels, rate_hz)
-    inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
-    return Record(
-        name=experiment.name,
-        configuration=experiment.configuration,
-        realisation=experiment.realisation,
-        experiment=experiment.experiment,
-        rate_hz=rate_hz,
-        period_samples=N or len(signals),
-        is_periodic=N is not None,
-        inputs=inputs,
-        outputs=outputs,
-        quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
-        u=signals[:, roles["u"]],
-        y=signals[:, roles["y"]],
-        r=signals[:, roles["r"]] if roles["r"] else None,
-        rate_is_known=not isinstance(recorded.rate_hz, str),
-        notes=tuple(notes),
-        hold="zero-order" if any(held) else "band-limited",
-        hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
-        half_wave=recorded.half_wave,
-        repairs=counts(findings),
-        left_out=repaired.left_out,
-        sliding=robot.sliding((*inputs, *outputs)),
-        input_units=input_units(channels, robot),
-    )
+        channels, where = gathered.channels, f"record {experiment.name}"
+        known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
+        log = Log(str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first)
+        roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
+        places = [channel.at for channel in channels]
+        # r in the order of the inputs that it acts on.
+        roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
+        repaired, N, rate_hz = _repaired(gathered, roles, recorded, log)
+        signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
+        notes = [replace(note, place=where) for note in gathered.notes]
+        notes += [finding.note(where) for finding in findings]
+        notes += [*drive_notes(channels, signals, N, where), *same_signal_notes(channels, signals, where)]
+        if N is not None:
+            n = len(gathered.signals)
+            lost = int(n * N / (gathered.period or N)) - len(signals)
+            if all(finding.kind != STOPPED for finding in repaired.findings):
+                notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
+        elif "none" not in (file.period, recorded.period):
+            notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
+        signals = signals @ to_joints(channels, self.robot).T
+        held = hold_samples(recorded, channels, rate_hz)
+        inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
+        return Record(
+            name=experiment.name,
+            configuration=experiment.configuration,
+            realisation=experiment.realisation,
+            experiment=experiment.experiment,
+            rate_hz=rate_hz,
+            period_samples=N or len(signals),
+            is_periodic=N is not None,
+            inputs=inputs,
+            outputs=outputs,
+            quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
+            u=signals[:, roles["u"]],
+            y=signals[:, roles["y"]],
+            r=signals[:, roles["r"]] if roles["r"] else None,
+            rate_is_known=known_hz is not None,
+            notes=tuple(notes),
+            hold="zero-order" if any(held) else "band-limited",
+            hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
+            half_wave=recorded.half_wave,
+            repairs=counts(findings),
+            left_out=repaired.left_out,
+            sliding=self.robot.sliding((*inputs, *outputs)),
+            input_units=input_units(channels, self.robot),
+        )
 
 
 def _repaired(
@@ -165,24 +148,9 @@ def _repaired(
     if period is None:
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
-
-    def check(excitation: FloatArray) -> None:
-        check_repeat(excitation, N, half_wave, log)
-
+    check = partial(check_repeat, N=N, half_wave=half_wave, log=log)
     repaired = repair(gathered.signals, roles, period, half_wave, log, check)
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
-
-
-def _period_notes(drivers: FloatArray, where: str) -> list[Note]:
-    """A note on a period of the drivers (n, d) that the study does not state."""
-    advised = advised_period(drivers)
-    if advised is None:
-        return []
-    text = (
-        f"no period is stated, but the torques repeat every {round(advised, 2):.8g} samples: with period: find "
-        "the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
-    )
-    return [Note("unstated-period", text, where)]
 
 
 def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) -> None:

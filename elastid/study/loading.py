@@ -83,14 +83,11 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
     """A number of parameters of one unit in SI; 0 where there is a problem."""
     units = sorted({table[name][1] for name in names})
     if not units:
-        name = str(path[-1])
-        problems.append(
-            Problem(path, f"no parameter of the robot is called '{name}'; {did_you_mean(name, table)}", True)
-        )
+        message = f"no parameter of the robot is called '{path[-1]}'; {did_you_mean(str(path[-1]), table)}"
+        problems.append(Problem(path, message, True))
     elif len(units) > 1:
-        problems.append(
-            Problem(path, f"matches parameters of different units ({', '.join(units)}); name them one by one")
-        )
+        message = f"matches parameters of different units ({', '.join(units)}); name them one by one"
+        problems.append(Problem(path, message))
     else:
         try:
             return to_si(value, units[0])
@@ -204,14 +201,12 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
     robot = source.data.get("robot")
     if not isinstance(robot, str):
         return source
-    file = path.parent / robot
+    file, place = path.parent / robot, source.place(("robot",), of_value=True)
     if not os.path.isfile(file):
-        place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
     try:
         part = read_robot(file)
     except StudyError as error:
-        place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: {file} is no robot:\n{error}") from None
     text = f"{source.text.rstrip()}\n\n{comment_lines(robot, '# ')}{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)

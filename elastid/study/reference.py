@@ -210,8 +210,7 @@ def _for_editors(node: Any) -> Any:
 def explain(asked: str) -> str:
     """The explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
 
-    Names that a study chooses and numbers of entries may be given or left out: fit.parameters.k_1.start,
-    experiment.recorded.files[0].samples.
+    Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
     keys = list(_matching(asked))
     if not keys:
@@ -228,14 +227,11 @@ def overview() -> str:
         fill(key.text, 100, initial_indent=f"  {key.name:<{width}}  ", subsequent_indent=" " * (width + 4))
         for key in keys
     ]
-    return "\n".join(
-        [
-            "A study has these keys, in this order:",
-            *lines,
-            "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.",
-            "Keys of a robot's file are below robot (robot.bodies), of a fleet's file below fleet (fleet.members).",
-        ]
+    more = (
+        "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.\n"
+        "Keys of a robot's file are below robot (robot.bodies), of a fleet's file below fleet (fleet.members)."
     )
+    return "\n".join(["A study has these keys, in this order:", *lines, more])
 
 
 def _explanation(key: StudyKey) -> str:

@@ -1,7 +1,7 @@
 """The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault.
 
 A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
-the entry point group `elastid.readers`.  `guarded` has a reader work in a process of its own.
+the entry point group `elastid.readers`.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ class Format:
     advice: str
 
 
-# Packages register their formats here.
-_ENTRY_POINTS = "elastid.readers"
 # The first that recognises a file reads it.
 FORMATS = (
     Format("ROS bag", ros_bag.recognises, guarded(ros_bag.__name__), "copy it again with all files of its folder"),
@@ -59,7 +57,7 @@ def is_log(path: Path) -> bool:
 
 def all_formats() -> tuple[Format, ...]:
     """Those of other packages, which know their files better, first; StudyError for one that cannot be loaded."""
-    return (*(_registered(point) for point in entry_points(group=_ENTRY_POINTS)), *FORMATS)
+    return (*(_registered(point) for point in entry_points(group="elastid.readers")), *FORMATS)
 
 
 def _registered(point: EntryPoint) -> Format:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,28 +26,24 @@ def recognises_matlab(path: Path, head: bytes) -> bool:
     return head.startswith(b"MATLAB") and recognises(path, head)
 
 
-@contextmanager
-def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def opened(path: Path, text: TextFormatSpec) -> AbstractContextManager[ArrayLog]:
     """All datasets, read when they are used."""
-    with _opened_file(path) as file:
-        yield ArrayLog(path, dict(_datasets(file, separator="/", is_transposed=False)))
+    return _opened(path, separator="/", is_transposed=False)
 
 
-@contextmanager
-def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def opened_matlab(path: Path, text: TextFormatSpec) -> AbstractContextManager[ArrayLog]:
     """All variables and members of structs; MATLAB stores column-major, so that axes arrive reversed."""
-    with _opened_file(path) as file:
-        yield ArrayLog(path, dict(_datasets(file, separator=".", is_transposed=True)))
+    return _opened(path, separator=".", is_transposed=True)
 
 
 @contextmanager
-def _opened_file(path: Path) -> Iterator[Any]:
+def _opened(path: Path, separator: str, is_transposed: bool) -> Iterator[ArrayLog]:
     """An HDF5 file of another program that holds its own data; those of elastid are read by its store."""
     import h5py
 
     with h5py.File(path, "r") as file:
         require_own_data(file)
-        yield file
+        yield ArrayLog(path, dict(_datasets(file, separator, is_transposed)))
 
 
 def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
@@ -68,18 +64,13 @@ def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "")
 
 def _stored(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
     units = dataset.attrs.get("units", "")
-    # An empty dataset has no shape.
-    shape = tuple(dataset.shape or ())
+    shape = tuple(dataset.shape or ())  # an empty dataset has none
     # MATLAB stores texts as numbers.
     is_text = dataset.attrs.get("MATLAB_class") == b"char"
     dtype = np.dtype(str) if is_text else dataset.dtype[field] if field else dataset.dtype
-    return StoredArray(
-        shape[::-1] if is_transposed else shape,
-        dtype,
-        partial(_read, dataset, field, is_transposed),
-        units.decode() if isinstance(units, bytes) else str(units),
-        rows=partial(_read, dataset, field, is_transposed),
-    )
+    read = partial(_read, dataset, field, is_transposed)
+    units = units.decode() if isinstance(units, bytes) else str(units)
+    return StoredArray(shape[::-1] if is_transposed else shape, dtype, read, units, rows=read)
 
 
 def _read(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:

@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 
-# Values that are read at once.
+# Values that are in memory at a time.
 _BLOCK_VALUES = 1 << 20
 
 
@@ -63,7 +63,6 @@ class StoredArray:
         if self.rows is None or len(self.shape) == 0:
             yield self.read()
             return
-        # A million values are in memory at a time.
         n = max(1, _BLOCK_VALUES * self.shape[0] // max(1, math.prod(self.shape)))
         for start in range(0, self.shape[0], n):
             yield self.rows(slice(start, start + n))
@@ -103,14 +102,13 @@ class ArrayLog:
 
     def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
         """Samples of the channels if each of them can be read in pieces; None otherwise."""
-        arrays = [self._array(channel) for channel in channels]
+        arrays = [self._array(channel)[1] for channel in channels]
         return min(array.shape[0] for array in arrays) if all(array.has_pieces for array in arrays) else None
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels, or a part of the samples.
 
-        Raises DataError for a channel that is not in the file (with those that are), is not numeric, differs in length
-        from the others, or names a column that it does not have.
+        Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
         signals = [self._signal(channel, part) for channel in channels]
         lengths = [len(signal) for signal in signals]
@@ -121,8 +119,9 @@ class ArrayLog:
             )
         return np.stack(signals, axis=1)
 
-    def _array(self, channel: ChannelSpec) -> StoredArray:
-        name, shapes = self._name(channel), self.shapes()
+    def _array(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
+        name, shapes = channel.channel.strip("/"), self.shapes()
+        name = next(iter(shapes)) if not name and len(shapes) == 1 else name
         if name not in self.arrays:
             raise DataError(missing_channel(self.path, channel, shapes))
         if name not in shapes:
@@ -131,14 +130,10 @@ class ArrayLog:
                 f"{self.path}: channel {name} is no signal but {array.dtype} of shape {array.shape}; "
                 f"there are {', '.join(shapes) or 'none'}"
             )
-        return self.arrays[name]
-
-    def _name(self, channel: ChannelSpec) -> str:
-        name, shapes = channel.channel.strip("/"), self.shapes()
-        return next(iter(shapes)) if not name and len(shapes) == 1 else name
+        return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, part: slice) -> FloatArray:
-        array, name = self._array(channel), self._name(channel)
+        name, array = self._array(channel)
         if part != slice(None) and array.rows is not None and array.has_pieces:
             stored = np.asarray(array.rows(part), dtype=np.float64)
             # A piece may hold fewer samples than signals.

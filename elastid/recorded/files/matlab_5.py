@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
-# Version and byte order behind the free text of a header, little and big endian.
-_SIGNATURES = (b"\x00\x01IM", b"\x01\x00MI")
-
 
 def recognises(path: Path, head: bytes) -> bool:
     """By the header; files of version 4 have none, and are known by their suffix."""
-    return head.startswith(b"MATLAB") or head[124:128] in _SIGNATURES or path.suffix.lower() == ".mat"
+    # Version and byte order stand behind the free text of a header, little or big endian.
+    signatures = (b"\x00\x01IM", b"\x01\x00MI")
+    return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
 
 
 @contextmanager

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
 
-_MARK = b"PAR1"
-
 
 def recognises(path: Path, head: bytes) -> bool:
     """By the mark at its start."""
-    return head.startswith(_MARK)
+    return head.startswith(b"PAR1")
 
 
 @contextmanager
@@ -50,12 +48,8 @@ def _stored(file: Any, name: str, field: Any, n: int) -> StoredArray:
     # A column with missing values is read as float64, whatever its type.
     dtype = field.type.to_pandas_dtype() if types.is_floating(field.type) else np.float64
     unit = (field.metadata or {}).get(b"unit", b"") if is_number else b"s" if is_time else b""
-    return StoredArray(
-        (n,),
-        np.dtype(dtype if is_number or is_time else object),
-        partial(_read, file, name),
-        unit.decode("utf-8", "replace"),
-    )
+    kind = np.dtype(dtype if is_number or is_time else object)
+    return StoredArray((n,), kind, partial(_read, file, name), unit.decode("utf-8", "replace"))
 
 
 def _read(file: Any, name: str) -> NDArray[Any]:

@@ -1,10 +1,8 @@
 """The guarded process that reads files of foreign formats: MATLAB up to version 7, ROS, TDMS and Parquet.
 
-Their libraries trust the lengths in a file: a damaged one asks for any amount of memory, or ends the process that reads
-it.  So they work in a process of its own with a limit on its memory, which hands over plain arrays.  It is started for
-the first file, reads all further ones, and ends with the program.
-
-A request is a line of JSON, and so is each reply; behind that of a signal are the bytes of its values.
+Their libraries trust the lengths in a file: a damaged one asks for any amount of memory, or ends the process. So they
+work in a process of their own with a limit on its memory, started for the first file and ended with the program. A
+request is a line of JSON, and so is each reply; behind that of a signal are the bytes of its values.
 """
 
 from __future__ import annotations
@@ -61,14 +59,8 @@ def _stored(file: Mapping[str, Any], index: int, signal_of: Mapping[str, Any]) -
         read: NDArray[Any] = _ask({"file": file, "signal": index, "rows": rows})
         return read
 
-    return StoredArray(
-        tuple(signal_of["shape"]),
-        np.dtype(signal_of["dtype"]),
-        values,
-        signal_of["units"],
-        signal_of["rate_hz"],
-        values if signal_of["in_pieces"] else None,
-    )
+    shape, dtype, rows = tuple(signal_of["shape"]), np.dtype(signal_of["dtype"]), signal_of["in_pieces"]
+    return StoredArray(shape, dtype, values, signal_of["units"], signal_of["rate_hz"], values if rows else None)
 
 
 def _version(path: Path) -> list[list[Any]]:
@@ -114,13 +106,9 @@ def _reader(where: str) -> subprocess.Popen[bytes]:
     if key not in _readers:
         # -P: nothing is imported from the folder that the user happens to be in.
         command = [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"]
-        _readers[key] = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # words of the libraries
-            env=os.environ | {"PYTHONPATH": where},
-        )
+        pipe, env = subprocess.PIPE, os.environ | {"PYTHONPATH": where}
+        # Words of the libraries go nowhere.
+        _readers[key] = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
         atexit.register(_end, _readers[key])
     return _readers[key]
 

@@ -48,8 +48,6 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 class _Topic:
-    """The messages of one topic as columns of numbers."""
-
     def __init__(self, bag: Any, name: str, connections: list[Any], kind: str) -> None:
         self.bag, self.name, self.connections = bag, name.strip("/"), connections
         self.is_joint_state = kind == "sensor_msgs/msg/JointState"
@@ -96,9 +94,7 @@ class _Topic:
                     numbers, values = joints.setdefault((field, joint), ([], []))
                     numbers.append(number)
                     values.append(float(value))
-        return _seconds(stamps), {
-            key: (np.array(numbers), np.array(values)) for key, (numbers, values) in joints.items()
-        }
+        return _seconds(stamps), {key: (np.array(at), np.array(values)) for key, (at, values) in joints.items()}
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[Any]]:
@@ -122,7 +118,6 @@ class _Topic:
         return values
 
     def _messages(self) -> Iterator[tuple[int, Any]]:
-        """Stamp in ns and content of each message."""
         for connection, received, raw in self.bag.messages(self.connections):
             message = self.bag.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)

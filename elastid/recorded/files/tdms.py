@@ -32,14 +32,10 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 def _stored(channel: Any) -> StoredArray:
     step = channel.properties.get("wf_increment", 0.0)
     is_time = channel.dtype.kind == "M"
-    return StoredArray(
-        (len(channel),),
-        np.dtype(np.float64) if is_time else channel.dtype,
-        partial(_read, channel),
-        "s" if is_time else str(channel.properties.get("unit_string", "")),
-        rate_hz=1 / step if step > 0 else None,
-        rows=partial(_read, channel),
-    )
+    dtype = np.dtype(np.float64) if is_time else channel.dtype
+    units = "s" if is_time else str(channel.properties.get("unit_string", ""))
+    read = partial(_read, channel)
+    return StoredArray((len(channel),), dtype, read, units, 1 / step if step > 0 else None, rows=read)
 
 
 def _read(channel: Any, part: slice = slice(None)) -> NDArray[Any]:

@@ -1,14 +1,7 @@
 """Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
 
-- time_stamps: gaps in time -> missing samples; uneven steps, or another rate than stated -> resampled
-- clock:      a fraction of samples in a period -> resampled; late logs -> shifted
-- missing:    samples lost or doubled -> missing ones; missing ones -> the same phase of the other periods
-- spikes:     single samples far off -> the same phase of the other periods
-- stops:      repetitions in which the robot stops -> left out
-- converter:  a channel that runs into its limit, the steps of an encoder -> reported, or refused
-
-Here the parts that they share: the repetitions of a signal, and drift over them, which is reported. Arrays in, arrays
-and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
+Here the parts that all rules share: the repetitions of a signal, and drift over them, which is reported. Arrays in,
+arrays and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
 """
 
 from __future__ import annotations

@@ -90,10 +90,7 @@ def _turns(C: ComplexArray, N: int) -> ComplexArray:
 
 
 def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
-    """Signals (n, c) at times (m,), in samples; beyond their ends they are continued periodically.
-
-    band: b, below 1 for a lower rate.
-    """
+    """Signals (n, c) at times (m,) in samples, periodic beyond their ends; band: b, below 1 for a lower rate."""
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
@@ -168,10 +165,7 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
 
 
 def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Repaired:
-    """Signals (n, c), finite, at the generator's clock; unchanged where it agrees with the log's.
-
-    Raises DataError where fewer than two periods are left.
-    """
+    """Signals (n, c), finite, at the generator's clock, where it differs; DataError where fewer than two are left."""
     P = len(signals) // N
     if P < 2:
         return Repaired(signals)

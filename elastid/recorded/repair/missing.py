@@ -1,9 +1,8 @@
-"""Samples that a logger lost or doubled, and missing ones (NaN), filled from other repetitions or interpolated.
+"""Samples that a logger lost (NaN rows are put in) or doubled (taken out), and missing ones (NaN).
 
-From a lost or doubled sample on every period is shifted by whole samples.  The place is where the sum of squares, with
-the old shift before and the new one after, is smallest.  Lost samples become missing ones (NaN rows), doubled ones are
-taken out.  Missing samples are filled from the same phase of other repetitions; without a period gaps of a sample or
-two by the cubic through the samples beside them, while a longer gap is refused.
+From a lost or doubled sample on every period is shifted by whole samples; the place is where the sum of squares, with
+the old shift before and the new one after, is smallest.  Missing samples are filled from the same phase of other
+repetitions, without a period by the cubic through the samples beside a gap of one or two.
 """
 
 from __future__ import annotations
@@ -113,10 +112,9 @@ def _split(x: FloatArray, reference: FloatArray, old: int, new: int) -> int:
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
-    """Signals (n, c) without NaN in their whole repetitions, which are all that is returned.
+    """The whole repetitions of signals (n, c) without NaN.
 
-    Raises DataError where more than a third of a channel is missing, a phase is missing in all repetitions, or fewer
-    than two repetitions are left.
+    Raises DataError where more than a third of a channel, or a phase in all, is missing, or fewer than two are left.
     """
     P = len(signals) // L
     periodic = signals[: P * L]
@@ -126,10 +124,11 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     result, findings = periodic.copy(), []
     for c in np.flatnonzero(~good.all(axis=0)):
         missing = np.flatnonzero(~good[:, c])
-        _check(good[:, c], P, L, log, int(c))
+        text = _missing(missing, good, log, int(c))
+        _check(good[:, c], P, L, log, text)
         result[:, c] = _filled(periodic[:, c], good[:, c], L, sign)
-        text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
-        findings.append(Finding(FILLED, missing.size, f"{text}: filled from the same phase of the other periods"))
+        text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
+        findings.append(Finding(FILLED, missing.size, text))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
     left_out = np.flatnonzero(lacking > LIMITS.max_missing_of_repetition)
     limit = f"{LIMITS.max_missing_of_repetition:.0%}"
@@ -161,9 +160,8 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
     return result
 
 
-def _check(good: BoolArray, P: int, L: int, log: Log, c: int) -> None:
-    missing = np.flatnonzero(~good)
-    text = f"{log.where}: {_missing(missing, good, log, c)}"
+def _check(good: BoolArray, P: int, L: int, log: Log, problem: str) -> None:
+    missing, text = np.flatnonzero(~good), f"{log.where}: {problem}"
     if missing.size > LIMITS.max_missing_share * len(good):
         raise DataError(f"{text}, the first is {log.time_of(missing[0])}; measure again, or cut them off with samples")
     lost = np.flatnonzero(~good.reshape(P, L).any(axis=0))

@@ -1,7 +1,6 @@
 """A stop within a record, such as an emergency stop: no torque and no motion where other repetitions have both.
 
-A repetition with a stop in it is missing (NaN), so that it is left out; what follows a stop for good is cut off.  A
-stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
+A stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ def without_stops(
     """Signals (n, c), NaN in the repetitions of L samples with a stop, and cut where the last stop has no end.
 
     roles: the columns of u and y, which stand still together in a stop.  repeats: true if signals (n, d), NaN where
-    missing, repeat as stated.  Unchanged where the rest does not.
-    Raises DataError where fewer than two repetitions are left.
+    missing, repeat as stated; unchanged where the rest does not.  DataError where fewer than two repetitions are left.
     """
     P = len(signals) // L
     if P < 2 or LIMITS.min_window * LIMITS.min_still_windows > L:

@@ -102,20 +102,14 @@ def link_side_response(
         variance = T_y**2 @ (variance[good] * np.abs(gain_of_elements) ** 2) @ T_u**2
     elif spec.relative_std is not None:
         variance = (spec.relative_std * np.abs(G)) ** 2
+    u_places, y_places = (tuple(c.at for c in side) for side in (inputs, outputs))
+    # Taken as exact: a file does not hold its degrees of freedom.
+    noise = None if variance is None else Covariance(variance, float("inf"))
     return FrequencyResponse(
-        freq_hz,
-        G,
-        tuple(c.at for c in inputs),
-        tuple(c.at for c in outputs),
-        quantity,
-        configuration,
-        # Taken as exact: a file does not hold its degrees of freedom.
-        noise=None if variance is None else Covariance(variance, float("inf")),
-        notes=notes,
-        sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
-        input_units=input_units(inputs, robot),
+        freq_hz, G, u_places, y_places, quantity, configuration, noise=noise, notes=notes,
+        sliding=robot.sliding((*u_places, *y_places)), input_units=input_units(inputs, robot),
         hold=_images(inputs, outputs, spec),
-    )
+    )  # fmt: skip
 
 
 def _images(inputs: Sequence[ChannelSpec], outputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> HeldTorque | None:

@@ -27,16 +27,11 @@ from elastid.recorded.files.text import TextLog
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
 _IN_HZ = {
-    "hz": 1.0,
-    "cycles/s": 1.0,
-    "cycles/timeunit": 1.0,
-    "rad/s": 1 / (2 * np.pi),
-    "rad/sec": 1 / (2 * np.pi),
-    "rad/timeunit": 1 / (2 * np.pi),
+    **dict.fromkeys(("hz", "cycles/s", "cycles/timeunit"), 1.0),
+    **dict.fromkeys(("rad/s", "rad/sec", "rad/timeunit"), 1 / (2 * np.pi)),
     "khz": 1e3,
     "rpm": 1 / 60,
 }
-
 _DATA = "ResponseData"
 HOW_TO_SAVE = (
     "an idfrd object itself cannot be read outside MATLAB; save it as a struct: s = struct('ResponseData', "
@@ -50,8 +45,7 @@ class ResponseTable:
     """G (F, rows, columns) at freq (F,) in frequency_unit; rows are outputs and columns inputs, by name or number.
 
     variance (F, rows, columns): E|dG|^2, or None.  G = Y / U of phasors exp(+j omega t), so that a delay turns its
-    phase down.
-    Raises DataError for shapes that disagree.
+    phase down.  DataError for shapes that disagree.
     """
 
     path: Path
@@ -111,15 +105,9 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
         return _columns(path, log, names).reshape(-1, len(outputs), len(inputs))
 
     first, second = (elements(pattern) for pattern in patterns)
-    return ResponseTable(
-        path,
-        _columns(path, log, [columns.frequency])[:, 0],
-        "Hz",
-        _phasors(first, second, spec),
-        outputs,
-        inputs,
-        elements(columns.std) ** 2 if columns.std else None,
-    )
+    freq, G = _columns(path, log, [columns.frequency])[:, 0], _phasors(first, second, spec)
+    variance = elements(columns.std) ** 2 if columns.std else None
+    return ResponseTable(path, freq, "Hz", G, outputs, inputs, variance)
 
 
 def _phasors(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> ComplexArray:
@@ -162,21 +150,15 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
-    texts = {
-        key: _text(leaves[prefix + key]) for key in ("FrequencyUnit", "Units", "TimeUnit") if prefix + key in leaves
-    }
+    keys = [key for key in ("FrequencyUnit", "Units", "TimeUnit") if prefix + key in leaves]
+    texts = {key: _text(leaves[prefix + key]) for key in keys}
     unit = texts.get("FrequencyUnit") or texts.get("Units", "")
     if "timeunit" in unit.lower() and texts.get("TimeUnit", "").lower() not in ("", "seconds", "s"):
         raise DataError(f"{path}: {prefix}TimeUnit is not seconds; set frequency_unit, or save it in rad/s")
-    return ResponseTable(
-        path,
-        np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64)),
-        unit,
-        G,
-        _names(leaves, f"{prefix}OutputName"),
-        _names(leaves, f"{prefix}InputName"),
-        _variance(path, leaves.get(f"{prefix}CovarianceData"), G),
-    )
+    freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
+    outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
+    variance = _variance(path, leaves.get(f"{prefix}CovarianceData"), G)
+    return ResponseTable(path, freq, unit, G, outputs, inputs, variance)
 
 
 def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: ResponsesSpec) -> ResponseTable:
@@ -191,13 +173,9 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
         raise DataError(f"{path}: no {columns.std} in it; correct columns.std, or leave it out")
-    return ResponseTable(
-        path,
-        freq,
-        leaves[columns.frequency].units or "Hz",
-        _frequency_first(path, G, len(freq), spec),
-        variance=None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2,
-    )
+    G = _frequency_first(path, G, len(freq), spec)
+    variance = None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2
+    return ResponseTable(path, freq, leaves[columns.frequency].units or "Hz", G, variance=variance)
 
 
 def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray | None:
@@ -301,9 +279,8 @@ def _responses(path: Path) -> list[dict[str, Any]]:
         wanted: IntArray = np.flatnonzero(file.get_set_types() == 58)
         sets = [file.read_sets(int(i)) for i in wanted]
     except Exception as error:  # a damaged file makes pyuff raise anything
-        raise DataError(
-            f"{path}: damaged, cut short or no universal file ({error}); copy it or export it again"
-        ) from error
+        text = f"{path}: damaged, cut short or no universal file ({error}); copy it or export it again"
+        raise DataError(text) from error
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         raise DataError(

@@ -39,14 +39,14 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         return
     if study.filter is not None:
         yield Problem(("filter",), "a filter follows friction; give friction (the joints), or drop it", at_key=True)
+    if experiment.recorded is not None:
+        yield from check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from check_responses(study, experiment.responses, base)
     if study.robot is None:
         yield from check_structure(study)
         if experiment.simulated is None:
             yield from check_estimator(study)
-        if experiment.recorded is not None:
-            yield from check_recorded(study, experiment.recorded, base)
-        if experiment.responses is not None:
-            yield from check_responses(study, experiment.responses, base)
         return
     yield from check_count(study)
     yield from check_configurations(study)
@@ -55,10 +55,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
-    if experiment.recorded is not None:
-        yield from check_recorded(study, experiment.recorded, base)
-    if experiment.responses is not None:
-        yield from check_responses(study, experiment.responses, base)
     yield from check_model(("model",), study.model, study.robot)
     yield from check_moved_inertias(study)
     yield from check_fit(study)

@@ -14,13 +14,7 @@ from elastid.fit.spec import misnamed
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.robot import Body, Robot, unit_axis
-from elastid.study.checks.names import (
-    check_names,
-    list_configurations,
-    list_inputs,
-    list_outputs,
-    unknown,
-)
+from elastid.study.checks.names import check_names, list_configurations, list_inputs, list_outputs, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -50,9 +44,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
 
 def _check_groups(study: Study) -> Iterator[Problem]:
     fit, configurations = study.fit, list_configurations(study)
-    given: list[tuple[KeyPath, Sequence[str]]] = [
-        (("fit", "robots", robot), names) for robot, names in fit.robots.items()
-    ]
+    given: list[tuple[KeyPath, Sequence[str]]] = [(("fit", "robots", robot), own) for robot, own in fit.robots.items()]
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
@@ -135,7 +127,6 @@ def _resists(body: Body) -> bool:
 
 
 def _at_start(study: Study) -> Robot:
-    """The robot with the starts of the parameters that are identified."""
     robot = study.as_robot()
     try:
         parameters = choose(study.fit, robot, tuple(study.experiment.configurations))

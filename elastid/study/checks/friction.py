@@ -90,12 +90,9 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
             f"{joint.unit}; narrow it",
         )
     if passes.speeds is not None and passes.speeds[1] > limits.velocity:
-        yield Problem(
-            (*_PASSES, "speeds", 1),
-            f"joint {joint.name} may move at {limits.velocity:.4g} {joint.unit}/s; lower the highest speed",
-        )
-    warm_up = spec.warm_up
-    if warm_up is not None and (refused := joint.refusal_of(warm_up.speed)):
+        message = f"joint {joint.name} may move at {limits.velocity:.4g} {joint.unit}/s; lower the highest speed"
+        yield Problem((*_PASSES, "speeds", 1), message)
+    if spec.warm_up is not None and (refused := joint.refusal_of(spec.warm_up.speed)):
         yield Problem((*_FRICTION, "warm_up", "speed"), refused)
 
 
@@ -104,9 +101,8 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
     if load.configuration is not None and load.configuration not in known:
         yield unknown((*path, "configuration"), "configuration", load.configuration, known)
     if load.payload and not study.as_robot().frames:
-        yield Problem(
-            (*path, "payload"), "no frame of the robot can carry a payload; give it one: frames: [{name: tool, ...}]"
-        )
+        message = "no frame of the robot can carry a payload; give it one: frames: [{name: tool, ...}]"
+        yield Problem((*path, "payload"), message)
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
@@ -123,9 +119,9 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
-    has_temperature = any(channel.role == "t" for channel in recorded.channels)
-    has_temperature = has_temperature or any(file.temperature is not None for file in recorded.files)
-    if study.as_friction().law.temperature == "yes" and not has_temperature:
+    measured = any(channel.role == "t" for channel in recorded.channels)
+    stated = any(file.temperature is not None for file in recorded.files)
+    if study.as_friction().law.temperature == "yes" and not (measured or stated):
         yield Problem(
             ("friction", "law", "temperature"),
             "no log has a temperature; add a channel of role t and quantity temperature, give files[].temperature, or "

@@ -56,9 +56,8 @@ def list_configurations(study: Study) -> list[str]:
 
 def list_inputs(study: Study) -> list[str]:
     """Locations of the inputs."""
-    return [channel.at for channel in study.experiment.channels if channel.role == "u"] or list(
-        study.as_robot().motor_locations
-    )
+    given = [channel.at for channel in study.experiment.channels if channel.role == "u"]
+    return given or list(study.as_robot().motor_locations)
 
 
 def list_outputs(study: Study) -> list[str]:
