@@ -36,7 +36,7 @@ class Worker:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an item: its value, or the error that it raised, or neither where the worker died."""
+    """The end of an item: its value, or the error that it raised, or neither where the worker died."""
 
     value: Any = None
     error: Exception | None = None

@@ -1,0 +1,160 @@
+"""Worker processes: their start, their ends, and what goes through the pipes to them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from itertools import islice
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pytest
+
+from elastid.base import workers
+from elastid.base.execution import ordered, surviving
+from elastid.base.workers import lasting_workers
+
+
+class Heavy:
+    """Counts how often it is packed."""
+
+    packed = 0
+
+    def __getstate__(self):
+        Heavy.packed += 1
+        return {"data": bytes(1000)}
+
+    def __call__(self, item):
+        return item * len(self.data)
+
+
+LOADING = """
+import os, signal, sys
+from elastid.base.execution import ordered
+from elastid.base.workers import load_for_workers
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, lambda *_: None)
+    load_for_workers(["elastid.app.stages.fit"])
+    os.killpg(0, signal.SIGINT)
+    print(ordered(abs, [-1, -2], 2))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
+def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
+    """The process that they are copies of shows no traceback of its own, and works on."""
+    (tmp_path / "script.py").write_text(LOADING)
+    command = [sys.executable, str(tmp_path / "script.py")]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, start_new_session=True)
+    assert (run.stdout, run.stderr) == ("[1, 2]\n", "")
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch: pytest.MonkeyPatch):
+    """It is started, and ended."""
+    start, started = BaseProcess.start, []
+
+    def pressed(process: BaseProcess):
+        if not started:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.1)
+        start(process)
+        started.append(process)
+
+    monkeypatch.setattr(BaseProcess, "start", pressed)
+    with pytest.raises(KeyboardInterrupt):
+        ordered(time.sleep, [60, 60], 2)
+    assert len(started) == 1
+    assert not any(process.is_alive() for process in started)
+
+
+def large(item: int) -> bytes:
+    """More than a pipe holds, so that a worker is at its answer for most of the time; the first one is killed."""
+    if item == 0:
+        time.sleep(0.02)
+        os._exit(9)
+    return bytes(20_000_000)
+
+
+def test_workers_that_are_ended_amid_an_answer_are_not_waited_for():
+    """A pool of the standard library waits for ever for the rest of the answer."""
+    for _ in range(5):
+        survivors = surviving(large, list(range(30)), 2)
+        assert {index for index, _ in islice(survivors, 4)}
+        survivors.close()
+    assert dict(surviving(large, [0, 1], 2)) == {0: None, 1: bytes(20_000_000)}
+
+
+class Unsendable(Exception):
+    """An error that does not come whole through a pipe."""
+
+    def __init__(self, first: int, second: int) -> None:
+        super().__init__(first)
+
+
+def unsendable(item: int) -> object:
+    if item == 1:
+        raise Unsendable(1, 2)
+    if item == 4:
+        raise ValueError("holds what does not pickle", lambda: item)
+    return (lambda: item) if item == 2 else item
+
+
+@pytest.mark.parametrize(("item", "said"), [(1, "Unsendable"), (2, "pickle"), (4, "holds what does not")])
+def test_an_error_or_value_that_does_not_pickle_is_told(item: int, said: str):
+    """And not waited for."""
+    with pytest.raises(Exception, match=said):
+        ordered(unsendable, [0, item, 3], 2)
+
+
+def test_an_error_in_a_worker_shows_where_it_arose():
+    with pytest.raises(ZeroDivisionError) as error:
+        ordered((1).__divmod__, [1, 0], 2)
+    assert "in a worker:\nTraceback" in str(error.value.__cause__)
+
+
+def process_of(item: float) -> int:
+    """The process that an item was worked out by, which takes a while."""
+    time.sleep(item)
+    return os.getpid()
+
+
+def wait_for_end(processes: Iterable[int]) -> None:
+    """Of each within 30 s: its parent, the process of which workers are copies, takes note of it in its own time."""
+    for process in processes:
+        for _ in range(3000):
+            try:
+                os.kill(process, 0)
+            except ProcessLookupError:
+                break
+            time.sleep(0.01)
+        else:
+            pytest.fail(f"process {process} is still there")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
+def test_lasting_workers_stay_for_the_next_work_and_no_longer():
+    """One that is killed between two works is replaced, and nobody's work is lost by that."""
+    with lasting_workers():
+        first = set(ordered(process_of, [0.2, 0.2], 2))
+        assert set(ordered(process_of, [0.2, 0.2], 2)) == first
+        killed = min(first)
+        os.kill(killed, signal.SIGKILL)
+        wait_for_end([killed])
+        assert dict(surviving(abs, [-1, -2, -3], 2)) == {0: 1, 1: 2, 2: 3}
+        with pytest.raises(ZeroDivisionError):
+            ordered((1).__divmod__, [1, 0], 2)
+        assert ordered(Heavy(), [1, 2], 2) == [1000, 2000]
+        last = set(ordered(process_of, [0.2, 0.2], 2))
+        assert len(last) == 2
+    wait_for_end(first | last)
+
+
+def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytest.MonkeyPatch):
+    """As on Windows: the same values."""
+    monkeypatch.setattr(workers, "get_all_start_methods", lambda: ["spawn"])
+    assert workers.start_method() == "spawn"
+    workers.load_for_workers(["elastid.fit"])
+    assert ordered(Heavy(), list(range(4)), 2) == [1000 * i for i in range(4)]

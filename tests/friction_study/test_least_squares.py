@@ -1,0 +1,76 @@
+"""Regressions of friction jointly with a rigid body, and searches of laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastid.friction_study.least_squares import Equations, chance_of_terms, inverse_normal, minimise, solve
+
+RATE_HZ = 50.0
+
+
+def log(rng: np.random.Generator, seconds: float, correlation: float) -> Equations:
+    """One joint: two columns of friction, gravity beside them, and noise of a first-order filter with that pole."""
+    n = round(seconds * RATE_HZ)
+    t = np.arange(n) / RATE_HZ
+    v = np.sin(2 * np.pi * 0.37 * t + rng.uniform(0, 6)) + 0.4 * np.sin(2 * np.pi * 1.1 * t + rng.uniform(0, 6))
+    noise = np.zeros(n)
+    for i, white in enumerate(rng.standard_normal(n)):
+        noise[i] = correlation * noise[i - 1] + white
+    X = np.stack([v, np.sign(v)], axis=1)
+    R = np.cos(2 * np.pi * 0.1 * t)[:, None]
+    return Equations(X[:, None, :], R[:, None, :], (X @ [3.0, 2.0] + 5 * R[:, 0] + 0.2 * noise)[:, None])
+
+
+@pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: float, correlation: float) -> None:
+    """95 % of them, of 300 draws of two numbers, by one log or several; the std by the spread to a fifth."""
+    rng = np.random.default_rng(0)
+    fits = [solve([log(rng, seconds, correlation) for _ in range(logs)], RATE_HZ) for _ in range(300)]
+    error = np.array([fit.beta for fit in fits]) - [3.0, 2.0]
+    std = np.array([np.sqrt(np.diag(fit.covariance)) for fit in fits])
+    covered = np.abs(error) < 1.96 * std
+    assert 0.925 < covered.mean() < 0.98
+    assert np.abs(error.mean(axis=0)).max() < 4 * np.max(error.std(axis=0)) / np.sqrt(len(fits))
+    np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
+
+
+def test_what_is_no_friction_need_not_be_identifiable() -> None:
+    """Twice the same column beside friction changes nothing."""
+    one = log(np.random.default_rng(1), 30.0, 0.5)
+    two = Equations(one.X, np.concatenate([one.R, one.R], axis=2), one.y)
+    first, second = (solve([each], RATE_HZ) for each in (one, two))
+    np.testing.assert_allclose(second.beta, first.beta, rtol=1e-9)
+    np.testing.assert_allclose(second.pi.sum(), first.pi.sum(), rtol=1e-6)
+
+
+def test_a_direction_without_data_has_no_finite_variance() -> None:
+    """The others keep theirs."""
+    J = np.array([[1.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
+    covariance = inverse_normal(J)
+    assert covariance[0, 0] == pytest.approx(1 / 9)
+    assert covariance[1, 1] == np.inf
+
+
+def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
+    """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+
+    ends = minimise(residual, [np.array([-1.2, 1.0]), np.array([np.nan, 0.0])])
+    assert len(ends) == 1
+    np.testing.assert_allclose(ends[0].x, [1, 1], rtol=1e-6)
+
+
+def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
+    """One term more in a fit of 40 residuals of white noise, 400 times: below 5 % in 5 % +- 3 %."""
+    rng = np.random.default_rng(0)
+    chances = []
+    for _ in range(400):
+        X, y = rng.standard_normal((40, 3)), rng.standard_normal(40)
+        costs = [float(np.sum((y - X[:, :k] @ np.linalg.lstsq(X[:, :k], y, rcond=None)[0]) ** 2)) for k in (2, 3)]
+        chances.append(chance_of_terms(*costs, 1, 37))
+    assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
