@@ -1,4 +1,4 @@
-"""Files of a run folder, none reached through a link, and HDF5 files that contain all of their data.
+"""Files of a run folder, whole or absent, none reached through a link, and HDF5 files that contain all their data.
 
 A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its
 user outside of it. The run folder itself may be a link: its user has named it.
@@ -63,7 +63,7 @@ def _refusal(path: Path) -> ElastidError:
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Another path to write to; the file takes its name only when it is complete and on the disk."""
+    """Another path to write to, synced and renamed: a file takes its name only when it is complete and on the disk."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     # Its own name, so that two programs that make the same file do not write into each other's.

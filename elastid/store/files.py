@@ -1,10 +1,9 @@
 """Files of a run folder: whole or absent, with checksums that a damaged disk is noticed by, and with one writer.
 
-A file is written under another name, synced and renamed.  An artefact carries the SHA-256 of its HDF5 part in the user
-block in front of it, which is text and belongs to no program: every reader of HDF5 looks for the data behind it.  The
-checksums of texts, pages and figures are in checksums.sha256, as `sha256sum --check` reads them: a bit that flips in
-summary.json would change a number that a fleet or another program reads, and one in references/*.csv a motion of the
-robot.
+An artefact carries the SHA-256 of its HDF5 part in the user block in front of it, which is text and belongs to no
+program: every reader of HDF5 looks for the data behind it.  The checksums of texts, pages and figures are in
+checksums.sha256, as `sha256sum --check` reads them: a bit that flips in summary.json would change a number that a fleet
+or another program reads, and one in references/*.csv a motion of the robot.
 
 The lock is taken back by the system when its owner ends, however it ends.  Its file names the owner, for the message
 that a second writer gets.  The library filelock (4.2) would not make this shorter: it neither names the owner nor hands
