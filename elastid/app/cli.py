@@ -13,6 +13,7 @@ from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import EDQUOT, EFBIG, ENOSPC
+from functools import reduce
 from io import StringIO
 from pathlib import Path
 from signal import SIGINT, SIGTERM, signal
@@ -29,7 +30,6 @@ from elastid.base.escape import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
-
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -74,12 +74,7 @@ _OPTIONS: dict[str, Decorator] = {
 def _options(*names: str) -> Decorator:
     """The options of the given names, each the same in every command that takes it."""
 
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names):
-            function = _OPTIONS[name](function)
-        return function
-
-    return decorate
+    return lambda command: reduce(lambda decorated, name: _OPTIONS[name](decorated), reversed(names), command)
 
 
 _PDF = "report.formats=[png, pdf]"
@@ -111,7 +106,6 @@ def cli() -> None:
 
 
 def _run(study: Path, options: dict[str, Any]) -> Run:
-    """The study loaded, with its folder and its ways of working."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
     from elastid.base.execution import on_dask

@@ -33,23 +33,13 @@ Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
 ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {
-    "control": write_control,
-    "matlab": write_matlab,
-    "mujoco": write_mujoco,
-    "fmu": write_fmu,
-    "urdf": write_urdf,
-    "casadi": write_casadi,
-    "c": write_c,
-    "csv": write_csv,
-}
-
+    "control": write_control, "matlab": write_matlab, "mujoco": write_mujoco, "fmu": write_fmu, "urdf": write_urdf,
+    "casadi": write_casadi, "c": write_c, "csv": write_csv,
+}  # fmt: skip
 # Of measured responses: all that a study without a robot has. uff takes those of any study.
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
-    "control": write_responses_control,
-    "matlab": write_responses_matlab,
-    "csv": write_responses_csv,
-    "uff": write_uff,
-}
+    "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
+}  # fmt: skip
 # The targets that are no other tool's: elastid's own, and the filter of a study of friction.
 ROBOT, OBSERVER = "robot", "observer"
 

@@ -6,7 +6,6 @@ was interrupted goes on, and a worker that dies costs the member that it was at.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator, Sequence
 from datetime import date
@@ -19,11 +18,10 @@ from elastid.app.console import Console
 from elastid.app.run import Run, logged_in, run_all
 from elastid.app.work import software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
-from elastid.base.escape import csv_cell
 from elastid.base.execution import surviving
-from elastid.base.files import own_path
+from elastid.base.files import own_path, replacing
 from elastid.report.page.page import FleetContent, Outcome, write_page_of_fleet
-from elastid.store.files import changed_texts, keep_checksums, replacing, text_file
+from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
 from elastid.validation.fleet import FleetValue, find_changes
@@ -37,7 +35,6 @@ DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or wi
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 # Members that a message names.
 MAX_LISTED = 5
-
 
 # A parameter of a member, with its 95 % interval; std, low and high None where it was held.
 Row: TypeAlias = dict[str, Any]
@@ -92,7 +89,6 @@ def _check(fleet: Fleet, folder: Path) -> None:
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
-    """FitError where members failed, MisfitError where some are misfits: all is written before."""
     failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
     misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
     for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
@@ -150,13 +146,8 @@ def _rows(folder: Path, member: Member) -> Iterator[Row]:
     for name, number in summary.get("parameters", {}).items():
         row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
         low, high = number.get("interval95") or (None, None)
-        yield row | {
-            "unit": number["unit"],
-            "value": number["value"],
-            "std": number.get("std"),
-            "low": low,
-            "high": high,
-        }
+        known = {"value": number["value"], "std": number.get("std"), "low": low, "high": high}
+        yield row | {"unit": number["unit"]} | known
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
@@ -172,8 +163,7 @@ def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
     """fleet.parquet, a row each parameter of each member; fleet.csv where no reader of Parquet is installed."""
     if find_spec("pyarrow") is None:
         path = folder / "fleet.csv"
-        with text_file(path) as file:
-            csv.writer(file, lineterminator="\n").writerows([list(rows[0]), *(map(csv_cell, r.values()) for r in rows)])
+        write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])
         return path
     import pyarrow
     import pyarrow.parquet

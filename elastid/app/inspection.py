@@ -147,7 +147,6 @@ def _log_lines(path: Path) -> list[str]:
 
 
 def _other(array: Any) -> str:
-    """A number or text with its value, anything else by its type."""
     shape = " x ".join(map(str, array.shape)) or "one"
     if array.dtype.kind not in "fiubcU" or np.prod(array.shape, dtype=int) > 1:
         return f"{array.dtype} ({shape})"
@@ -158,7 +157,6 @@ def _other(array: Any) -> str:
 
 
 def _number_line(name: str, value: float, unit: str, std: float | None, interval: Sequence[float] = ()) -> str:
-    """A number with its standard deviation and 95 % interval, where it has any."""
     number = f"    {name} = {value:.6g} {unit}".rstrip()
     return number if std is None else f"{number} ({std:.2g}; {interval[0]:.6g} to {interval[1]:.6g})"
 
@@ -173,7 +171,6 @@ def _parameters(path: Path) -> Iterator[str]:
 
 
 def _friction(path: Path) -> Iterator[str]:
-    """The friction that was taken out of the responses, where the study asked for it."""
     friction = read_friction(path)
     if friction is None:
         return
@@ -186,7 +183,6 @@ def _friction(path: Path) -> Iterator[str]:
 
 
 def _friction_numbers(path: Path) -> Iterator[str]:
-    """The numbers of friction that were identified, and what was not."""
     result = read_friction_result(path)
     yield f"  {result.status}; friction, link side (standard deviation; 95 % interval):"
     for each in result.numbers:

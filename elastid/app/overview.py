@@ -65,7 +65,6 @@ def _nonlinear(study: Study) -> Iterator[str]:
 
 
 def _structure(study: Study) -> Iterator[str]:
-    """The places of a study without a robot, each with its unit."""
     source = "responses from elsewhere" if study.experiment.responses is not None else "responses of recorded logs"
     yield f"study {study.name}, no robot: {source}"
     channels = study.experiment.channels

@@ -217,7 +217,6 @@ def _head(name: str, status: str, message: str) -> dict[str, Any]:
 
 
 def _notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
-    """The same note of many places once, with its places."""
     return [
         section(group.first, "code severity places=place text") | {"places": [each for each in group.places if each]}
         for group in grouped(notes)

@@ -1,4 +1,4 @@
-"""Files of a run folder, none reached through a link, and HDF5 files that contain all of their data.
+"""Files of a run folder, whole or absent, none reached through a link, and HDF5 files that contain all their data.
 
 A run folder may come from elsewhere. Through a link in it, the program would overwrite, extend or fill files of its
 user outside of it. The run folder itself may be a link: its user has named it.
@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from errno import ELOOP
 from itertools import islice
 from pathlib import Path
@@ -58,6 +59,43 @@ def _refusal(path: Path) -> ElastidError:
         f"{path}: is a link, and nothing is written through links in a run folder; remove it, or give another folder "
         "with --run"
     )
+
+
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Another path to write to, synced and renamed: a file takes its name only when it is complete and on the disk."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Its own name, so that two programs that make the same file do not write into each other's.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    temporary.unlink(missing_ok=True)  # a link would be followed
+    try:
+        yield temporary
+        with temporary.open("r+b") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        _flush_folder(path.parent)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """A new file, whole or absent."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Have the new name of a file on the disk, too, where the system can do that."""
+    if hasattr(os, "O_DIRECTORY"):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 MAX_MEMBERS = 100_000

@@ -14,9 +14,10 @@ from pathlib import Path
 import casadi as ca
 
 from elastid.base.escape import c_comment, one_line
+from elastid.base.files import replacing
 from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.store.files import replacing, text_file
+from elastid.store.files import write_text
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
@@ -65,9 +66,8 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     prefixed = [_prefixed(function) for function in functions(model)]
     sources = c_sources("robot", prefixed)
     source, header = folder / "robot.c", folder / "robot.h"
-    for path, text in ((source, sources["robot.c"]), (header, _layout(model, prefixed) + sources["robot.h"])):
-        with text_file(path) as file:
-            file.write(text)
+    write_text(source, sources["robot.c"])
+    write_text(header, _layout(model, prefixed) + sources["robot.h"])
     return source, header, _coordinates(folder, model)
 
 
@@ -118,10 +118,8 @@ def _equation(model: FittedRobot) -> str:
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
     """coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
-    path = folder / "coordinates.txt"
-    with text_file(path) as file:
-        file.write(f"{one_line(_equation(model))}, link side, SI\n")
-        for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
-            file.writelines(f"{letter}[{i}]  {one_line(name)}\n" for i, name in enumerate(names))
-        file.writelines(f"{one_line(line)}\n" for line in interval_lines(model))
+    path, lines = folder / "coordinates.txt", [f"{_equation(model)}, link side, SI"]
+    for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
+        lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]
+    write_text(path, "".join(f"{one_line(line)}\n" for line in (*lines, *interval_lines(model))))
     return path

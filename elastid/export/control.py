@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.escape import docstring
+from elastid.base.files import replacing
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
-from elastid.store.files import replacing, text_file
+from elastid.store.files import write_text
 
 _LABEL = '''def label(name):
     """A name as python-control takes it, which refuses dots."""
@@ -131,8 +132,7 @@ def _written(
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))
     known = {"npz": data.name, "label": _LABEL, "name": docstring(name), "first": example}
-    with text_file(loader) as script:
-        script.write(text.format(**known, quantity=first.quantity, unit=first.unit))
+    write_text(loader, text.format(**known, quantity=first.quantity, unit=first.unit))
     return data, loader
 
 
@@ -143,15 +143,10 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """
     systems = model.state_spaces
     first, numbers = systems[0], known_numbers(model)
-    arrays: dict[str, np.ndarray] = {
-        "configurations": np.array([system.configuration.name for system in systems]),
-        "inputs": np.array(first.inputs),
-        "outputs": np.array(first.outputs),
-        "quantity": np.array(first.quantity),
-        "parameters": np.array([number.name for number in numbers]),
-        "units": np.array([number.unit for number in numbers]),
-        "known": np.array([(number.value, number.std, number.low, number.high) for number in numbers]),
-    }
+    arrays = {"configurations": np.array([system.configuration.name for system in systems])}
+    arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
+    arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
+    arrays |= {"known": np.array([(n.value, n.std, n.low, n.high) for n in numbers])}
     for system in systems:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}

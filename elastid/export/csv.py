@@ -5,7 +5,6 @@ The responses can be read back as `experiment.responses` of a study: columns fre
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.escape import csv_cell, file_name
+from elastid.base.escape import file_name
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import Peak, peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store.files import text_file
+from elastid.store.files import write_rows
 
 
 def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Path:
@@ -90,6 +89,5 @@ def _response(measured: FrequencyResponse, G: ComplexArray, variance: FloatArray
 
 
 def _table(path: Path, rows: Iterable[Sequence[Any]]) -> Path:
-    with text_file(path) as file:
-        csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
+    write_rows(path, rows)
     return path

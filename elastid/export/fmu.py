@@ -31,6 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.base.files import replacing
 from elastid.export.code import c_sources, dense
 from elastid.export.numbers import HELD, c_row, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
@@ -40,7 +41,6 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
-from elastid.store.files import replacing
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
 Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]
@@ -301,18 +301,11 @@ def _library_path(version: int) -> str:
 
 def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
     equations_of = model.model
-    numbers = {
-        "N_Q": equations_of.n_q,
-        "N_U": equations_of.n_u,
-        "N_L": len(equations_of.robot.joints),
-        "N_Z": n_z,
-        "N_POSTURES": postures,
-        "N_VALUES": len(variables.variables),
-        "HAS_LOOPS": int(equations_of.n_c > 0),
-        **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
-        "OF_OUTPUTS": variables.places["ANGLE"],
-        **{f"OF_{name}": place for name, place in variables.places.items()},
-    }
+    numbers = {"N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z}
+    numbers |= {"N_POSTURES": postures, "N_VALUES": len(variables.variables), "HAS_LOOPS": int(equations_of.n_c > 0)}
+    numbers |= {f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")}
+    places = {"OUTPUTS": variables.places["ANGLE"], **variables.places}
+    numbers |= {f"OF_{name}": place for name, place in places.items()}
     lines = [f"#define {name} {number}" for name, number in numbers.items()]
     lines.append('#define START_REFUSED "no such configuration, or a rate or step that is not positive"')
     lines.append('#define LOST "the motion has left all bounds: take a smaller largest_step, or gentler inputs"')

@@ -12,11 +12,12 @@ from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import one_line
+from elastid.base.files import write_whole
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
-from elastid.store.files import replacing, text_file
+from elastid.store.files import write_text
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
@@ -108,11 +109,9 @@ def _written(
 ) -> tuple[Path, Path]:
     written = io.BytesIO()
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
-    with replacing(data) as temporary:
-        temporary.write_bytes(_HEADING + written.getvalue()[len(_HEADING) :])
+    write_whole(data, _HEADING + written.getvalue()[len(_HEADING) :])
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
-    with text_file(script) as file:
-        file.write(text.format(**known, measured=_MEASURED))
+    write_text(script, text.format(**known, measured=_MEASURED))
     return data, script
 
 

@@ -37,7 +37,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 
 # MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
 MIN_INERTIA = 1e-12
@@ -61,8 +61,7 @@ def write_mujoco(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     _keyframes(root, model, rest, start)
     ET.indent(root)
     path = folder / "robot.xml"
-    with text_file(path) as file:
-        file.write(ET.tostring(root, encoding="unicode") + "\n")
+    write_text(path, ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
 
 

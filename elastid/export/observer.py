@@ -18,7 +18,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.export.code import c_sources, dense
 from elastid.export.numbers import c_row
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,9 @@ def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Pa
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     equations = c_sources("equations", steps.values())["equations.c"]
     source, header = folder / "observer.c", folder / "observer.h"
-    with text_file(source) as file:
-        file.write(equations + '\n#include "observer.h"\n')
-        for name, observer in observers.items():
-            file.write(_functions(identifiers[name], observer, steps[name]))
-    with text_file(header) as file:
-        file.write(_header(observers, identifiers))
+    functions = (_functions(identifiers[name], observer, steps[name]) for name, observer in observers.items())
+    write_text(source, "".join([equations, '\n#include "observer.h"\n', *functions]))
+    write_text(header, _header(observers, identifiers))
     return source, header
 
 

@@ -6,7 +6,6 @@ name the next free node, without a direction. nodes.csv lists them.
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from collections.abc import Iterable, Sequence
@@ -16,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.base.escape import csv_cell, file_name, uff_text
+from elastid.base.escape import file_name, uff_text
+from elastid.base.files import replacing
 from elastid.record import Motion
 from elastid.response import FrequencyResponse
-from elastid.store.files import replacing, text_file
+from elastid.store.files import write_rows
 
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
@@ -46,10 +46,8 @@ def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -
             pyuff.UFF(str(temporary)).write_sets(list(_sets(name, response, nodes)), "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
-    with text_file(table) as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("place", "node", "direction"))
-        rows.writerows((csv_cell(place), node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items())
+    rows = [(place, node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items()]
+    write_rows(table, [("place", "node", "direction"), *rows])
     return (*paths, table)
 
 

@@ -20,7 +20,7 @@ from elastid.export.numbers import in_full, interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
-from elastid.store.files import text_file
+from elastid.store.files import write_text
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -28,10 +28,9 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     root = urdf(model.robot)
     ET.indent(root)
     path = folder / "robot.urdf"
-    with text_file(path) as file:
-        comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
-        file.write(f'<?xml version="1.0"?>\n<!-- {comment} -->\n')
-        file.write(ET.tostring(root, encoding="unicode") + "\n")
+    comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
+    head = f'<?xml version="1.0"?>\n<!-- {comment} -->\n'
+    write_text(path, f"{head}{ET.tostring(root, encoding='unicode')}\n")
     return (path,)
 
 

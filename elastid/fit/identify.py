@@ -13,16 +13,8 @@ from collections.abc import Sequence
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.fit import checks
 from elastid.fit.assembly import Assembly, RelinearisedOptimum, relinearise
-from elastid.fit.checks import (
-    check_effects,
-    check_geometry,
-    check_responses,
-    check_scale,
-    find_contradictions,
-    find_copies,
-    find_same_postures,
-)
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
@@ -93,10 +85,10 @@ def _search(
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
     """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
-    check_responses(responses, robot)
+    checks.check_responses(responses, robot)
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
-    check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
+    checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
@@ -105,8 +97,8 @@ def _search(
     if fit.problem.dof < 1:
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
         raise DataError(f"{few}; fix some, or use more lines")
-    check_effects(fit, robot)
-    check_scale(fit, robot)
+    checks.check_effects(fit, robot)
+    checks.check_scale(fit, robot)
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
@@ -152,6 +144,7 @@ def _estimate(
 def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
     """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
     responses = assembly.responses
-    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
-    unlike = find_contradictions(responses, assembly.spec.robots)
+    robots = assembly.spec.robots
+    twice = checks.find_copies(responses) or checks.find_same_postures(responses, assembly.parameters, robots)
+    unlike = checks.find_contradictions(responses, robots)
     return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))

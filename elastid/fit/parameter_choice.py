@@ -171,7 +171,6 @@ def nearest_parameter(key: str, table: Iterable[str], on_demand: Iterable[str]) 
 def _match(
     given: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
 ) -> dict[str, ParameterSpec]:
-    """The settings of each name that a key of the study matches."""
     matched: dict[str, ParameterSpec] = {}
     for key, asked in given.items():
         names = matching(key, table)
@@ -270,7 +269,6 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
 
 
 def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
-    """The prior about its mean, by default the robot's number."""
     return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
 
 

@@ -185,19 +185,7 @@ def parameter_rows(
         deviation = None
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
-        rows.append(
-            ParameterRow(
-                name=name,
-                unit=parameter.unit,
-                estimate=estimates[name],
-                std=stds[name],
-                interval=result.interval(name),
-                start=parameter.value,
-                bounds=(parameter.lower, parameter.upper),
-                at_bound=bool(result.at_bound[i]),
-                truth=true,
-                deviation=deviation,
-                contains=(contents or {}).get(name, ""),
-            )
-        )
+        known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
+        given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
+        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, (contents or {}).get(name, "")))
     return tuple(rows)

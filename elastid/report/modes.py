@@ -144,7 +144,6 @@ def shares_in_words(names: Sequence[str], shares: FloatArray) -> str:
 
 
 def _largest(magnitude: FloatArray, least: float) -> list[int]:
-    """Indices of the largest entries of at least so much, the largest first."""
     return [i for i in np.argsort(-magnitude, kind="stable").tolist() if magnitude[i] >= least][:MAX_WRITTEN]
 
 

@@ -275,7 +275,6 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
 
 
 def _of_experiments(content: ReportContent, poor: ParameterRow) -> Action | None:
-    """Twice the experiments where the widest number gets most of its information."""
     result = content.result
     column = result.parameters.free_names.index(poor.name)
     if not result.share.size or not np.isfinite(result.share[:, column]).any():

@@ -17,25 +17,18 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError
-from elastid.base.files import require_own_data
-from elastid.store.files import USER_BLOCK, is_intact, once_per_version, replacing, write_checksum
+from elastid.base.files import replacing, require_own_data
+from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.
 FORMAT = 2
 TEXT = h5py.string_dtype()
 # The command that makes an artefact again, by its kind.
 _COMMANDS = {
-    "plan": "design",
-    "records": "measure",
-    "frf": "estimate",
-    "fit": "fit",
-    "validation": "validate",
-    "friction plan": "design",
-    "friction records": "measure",
-    "friction levels": "levels",
-    "friction": "friction",
+    "plan": "design", "records": "measure", "frf": "estimate", "fit": "fit", "validation": "validate",
+    "friction plan": "design", "friction records": "measure", "friction levels": "levels", "friction": "friction",
     "filter": "follow",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,12 +52,8 @@ class Stamp:
     @property
     def shown(self) -> dict[str, str]:
         """Its entries on a page, by their headings."""
-        return {
-            "made by": self.software or f"elastid {self.version}",
-            "seed": str(self.seed),
-            "hash of the inputs": self.inputs,
-            "hash of the code": self.code,
-        }
+        hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
+        return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
     def is_of(self, wanted: Stamp) -> bool:
         """True where inputs and code are those of another stamp."""

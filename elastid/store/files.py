@@ -1,10 +1,9 @@
 """Files of a run folder: whole or absent, with checksums that a damaged disk is noticed by, and with one writer.
 
-A file is written under another name, synced and renamed.  An artefact carries the SHA-256 of its HDF5 part in the user
-block in front of it, which is text and belongs to no program: every reader of HDF5 looks for the data behind it.  The
-checksums of texts, pages and figures are in checksums.sha256, as `sha256sum --check` reads them: a bit that flips in
-summary.json would change a number that a fleet or another program reads, and one in references/*.csv a motion of the
-robot.
+An artefact carries the SHA-256 of its HDF5 part in the user block in front of it, which is text and belongs to no
+program: every reader of HDF5 looks for the data behind it.  The checksums of texts, pages and figures are in
+checksums.sha256, as `sha256sum --check` reads them: a bit that flips in summary.json would change a number that a fleet
+or another program reads, and one in references/*.csv a motion of the robot.
 
 The lock is taken back by the system when its owner ends, however it ends.  Its file names the owner, for the message
 that a second writer gets.  The library filelock (4.2) would not make this shorter: it neither names the owner nor hands
@@ -13,6 +12,7 @@ out the open file to write the name to, leaves its file in the folder, and follo
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import os
@@ -22,10 +22,11 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import BinaryIO, TextIO, TypeVar
+from typing import Any, BinaryIO, TextIO, TypeVar
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import unlinked
+from elastid.base.escape import csv_cell
+from elastid.base.files import replacing, unlinked, write_whole
 
 T = TypeVar("T")
 
@@ -45,44 +46,18 @@ def text_file(path: Path | str) -> Iterator[TextIO]:
 
 def write_text(path: Path, text: str) -> None:
     """A new text file, whole or absent."""
+    write_whole(path, text.encode())
+
+
+def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """A new CSV file, its cells as spreadsheets take them (`csv_cell`)."""
     with text_file(path) as file:
-        file.write(text)
-
-
-@contextmanager
-def replacing(path: Path | str) -> Iterator[Path]:
-    """Another path to write to; the file takes its name only when it is complete and on the disk."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # Its own name, so that two programs that make the same file do not write into each other's.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
-    temporary.unlink(missing_ok=True)  # a link would be followed
-    try:
-        yield temporary
-        with temporary.open("r+b") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        _flush_folder(path.parent)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
-            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-        raise
-
-
-def _flush_folder(folder: Path) -> None:
-    """Have the new name of a file on the disk, too, where the system can do that."""
-    if hasattr(os, "O_DIRECTORY"):
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
 
 
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files of a killed run."""
-    for temporary in [*folder.glob(".*.unfinished"), *folder.glob(".*.part")]:
+    for temporary in folder.glob(".*.unfinished"):
         temporary.unlink(missing_ok=True)
 
 
@@ -121,7 +96,6 @@ def has_checksum(path: Path | str) -> bool:
 
 
 def _user_block(path: Path) -> bytes:
-    """The user block with the checksum of what follows it."""
     with path.open("rb", buffering=0) as file:
         file.seek(USER_BLOCK)
         digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -149,10 +149,7 @@ def write_responses(
 ) -> None:
     """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances, and friction."""
     check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
-    parts = {
-        "friction": (friction, FrictionTakenOut | None),
-        "responses": (responses, tuple[FrequencyResponse, ...]),
-    }
+    parts = {"friction": (friction, FrictionTakenOut | None), "responses": (responses, tuple[FrequencyResponse, ...])}
     write_artefact(path, RESPONSES, stamp, parts, {"responses": "configuration.name"})
 
 

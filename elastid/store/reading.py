@@ -102,13 +102,9 @@ def _read_union(item: Any, kind: Kind, _: Label) -> Any:
 
 
 _READERS: dict[str, Callable[..., Any]] = {
-    "array": _read_array,
-    "union": _read_union,
-    "fields": lambda item, kind, _: read_dataclass(item, kind.type),
-    "sequence": _read_sequence,
-    "record": _read_record,
-    "mapping": _read_mapping,
-}
+    "array": _read_array, "union": _read_union, "fields": lambda item, kind, _: read_dataclass(item, kind.type),
+    "sequence": _read_sequence, "record": _read_record, "mapping": _read_mapping,
+}  # fmt: skip
 
 
 def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[Any]:

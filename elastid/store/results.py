@@ -52,16 +52,9 @@ def read_twin(path: Path | str, kind: str) -> TwinFindings:
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
     """compare.json. stamp: of the frequency responses that the models were fitted to."""
-    content = {
-        "schema": _SCHEMA,
-        "responses": stamp.inputs,
-        "code": stamp.code,
-        "made by": stamp.software,
-        "verdict": comparison.verdict,
-        "configurations": comparison.configurations,
-        "models": comparison.rows,
-        "search": comparison.trials,
-    }
+    head = {"schema": _SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
+    ranking = {"models": comparison.rows, "search": comparison.trials}
+    content = {**head, "verdict": comparison.verdict, "configurations": comparison.configurations, **ranking}
     write_text(path, json.dumps(json_value(content, or_text), indent=1, allow_nan=False) + "\n")
 
 

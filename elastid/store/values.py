@@ -43,12 +43,7 @@ class _Scope:
 
 
 def write_value(
-    group: Any,
-    name: str,
-    value: Any,
-    annotation: Any = None,
-    label: Label = NO_LABEL,
-    above: tuple[_Scope, ...] = (),
+    group: Any, name: str, value: Any, annotation: Any = None, label: Label = NO_LABEL, above: tuple[_Scope, ...] = ()
 ) -> Any:
     """A value below a group, of its own type or of an annotation; TypeError for a type that has no place in a file.
 
@@ -99,7 +94,6 @@ def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, ab
 
 
 def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> Any:
-    """An array; one that is kept in a file is copied in pieces."""
     if not isinstance(value, np.memmap):
         dataset = group.create_dataset(name, data=value)
     else:
@@ -143,14 +137,9 @@ def _write_mapping(group: Any, name: str, value: Any, kind: Kind, label: Label, 
 
 
 _WRITERS: dict[str, Callable[..., Any]] = {
-    "scalar": _write_scalar,
-    "array": _write_array,
-    "union": _write_union,
-    "fields": _write_fields,
-    "sequence": _write_sequence,
-    "record": _write_record,
-    "mapping": _write_mapping,
-}
+    "scalar": _write_scalar, "array": _write_array, "union": _write_union, "fields": _write_fields,
+    "sequence": _write_sequence, "record": _write_record, "mapping": _write_mapping,
+}  # fmt: skip
 
 
 def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any, label: Label, above: Any) -> Any:
@@ -221,7 +210,6 @@ def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
 
 
 def _attribute(scopes: tuple[_Scope, ...], name: str, default: Any) -> Any:
-    """The attribute of the innermost value that has one."""
     return next((getattr(each.value, name) for each in scopes if hasattr(each.value, name)), default)
 
 

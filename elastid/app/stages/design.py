@@ -55,21 +55,8 @@ def design(
     if excitation is None:
         raise StudyError("excitation: this section is needed to design an experiment")
     measured, fitted_values, like = _earlier_measurements(design, files)
-    problem = DesignProblem(
-        robot=robot,
-        excitation=excitation,
-        experiment=experiment,
-        fit=fit,
-        quantity=quantity,
-        seed=seed,
-        design=design,
-        left_out=left_out,
-        measured=measured,
-        fitted_values=fitted_values,
-        like=like,
-        model=model,
-        friction=friction,
-    )
+    study = robot, excitation, experiment, fit, quantity, seed, design, left_out
+    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction)
     carrier = experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)

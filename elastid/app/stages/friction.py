@@ -42,20 +42,8 @@ from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.elastic_joint import held_joint
+from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
-from elastid.store.friction_study import (
-    FRICTION,
-    read_filter,
-    read_friction_plan,
-    read_friction_records,
-    read_friction_result,
-    read_levels,
-    write_filter,
-    write_friction_plan,
-    write_friction_records,
-    write_friction_result,
-    write_levels,
-)
 from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
 from elastid.validation.friction_twin import friction_balances, friction_runs
@@ -86,7 +74,7 @@ def design_motions(
 
     files: dict[str, Write] = {
         "references": partial(_write_motions, plan),
-        "plan.h5": lambda path, stamp: write_friction_plan(path, plan, stamp),
+        "plan.h5": lambda path, stamp: stored.write_friction_plan(path, plan, stamp),
     }
     return Artefacts(files, report)
 
@@ -106,11 +94,12 @@ def simulate_motions(
     *, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work
 ) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
-    rig = SimulatedFrictionRig(robot, experiment, read_friction_plan(design_file), seed)
+    rig = SimulatedFrictionRig(robot, experiment, stored.read_friction_plan(design_file), seed)
+    write = stored.write_friction_records
     records, report = measure_parts(
-        work, rig.motions, rig.measure, lambda p: read_friction_records(p).records, write_friction_records, "motions"
+        work, rig.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
     )
-    files = {"records.h5": lambda path, stamp: write_friction_records(path, records, stamp, rig.warm_ups())}
+    files = {"records.h5": lambda path, stamp: write(path, records, stamp, rig.warm_ups())}
     return Artefacts(files, report)
 
 
@@ -128,14 +117,14 @@ def import_motions(
     logs = read_friction_logs(robot, experiment, files, joints, payloads)
     notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
     parts: dict[str, Write] = {
-        "records.h5": lambda path, stamp: write_friction_records(path, logs.records, stamp, logs.warm_ups, logs.notes)
+        "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
     }
     return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
 def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
     """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
-    measured = read_friction_records(measure_file)
+    measured = stored.read_friction_records(measure_file)
     joints = [joint for joint in friction_joints if joint.name in measured.joints]
     joint_levels = find_joint_levels(robot, joints, measured)
 
@@ -145,7 +134,7 @@ def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Pa
         for each in joint_levels:
             console.say(f"levels: joint {each.joint}: {_level_words(each)}")
 
-    return Artefacts({"levels.h5": lambda path, stamp: write_levels(path, joint_levels, stamp)}, report)
+    return Artefacts({"levels.h5": lambda path, stamp: stored.write_levels(path, joint_levels, stamp)}, report)
 
 
 def friction(
@@ -159,7 +148,7 @@ def friction(
     work: Work,
 ) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    joint_levels, measured = read_levels(levels_file), read_friction_records(measure_file)
+    joint_levels, measured = stored.read_levels(levels_file), stored.read_friction_records(measure_file)
     simulated, recorded = experiment.simulated, experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
@@ -184,7 +173,7 @@ def friction(
         {
             "summary.json": as_json(friction_study_summary(name, result, twin)),
             "identified_robot.yml": text(robot_of_friction(name, robot, result)),
-            "friction.h5": lambda path, stamp: write_friction_result(path, result, stamp, twin),
+            "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, twin),
         },
         report,
     )
@@ -201,21 +190,16 @@ def report_friction(
     follow_file: Path | None = None,
 ) -> Artefacts:
     """The page and figures of a friction study."""
-    content = FrictionContent(
-        title=name,
-        result=read_friction_result(friction_file),
-        study_text=text,
-        provenance=work.stamp.shown,
-        plan=read_friction_plan(design_file) if design_file is not None else None,
-        twin=read_twin(friction_file, FRICTION),
-        filters=read_filter(follow_file) if follow_file is not None else (),
-    )
+    plan = None if design_file is None else stored.read_friction_plan(design_file)
+    filters = () if follow_file is None else stored.read_filter(follow_file)
+    result, twin = stored.read_friction_result(friction_file), read_twin(friction_file, stored.FRICTION)
+    content = FrictionContent(name, result, text, work.stamp.shown, plan, filters, twin)
     return page_artefacts(write_page_of_friction, content, report, work)
 
 
 def conclude(run: Run) -> None:
     """Show the numbers, the files, and in the last line the parts that were not identified."""
-    result = read_friction_result(run.path("friction"))
+    result = stored.read_friction_result(run.path("friction"))
     run.console.table(friction_table(result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
@@ -251,7 +235,7 @@ def follow_friction(
     *, robot: Robot, filter: FilterSpec, measure_file: Path, friction_file: Path, work: Work
 ) -> Artefacts:
     """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
-    measured, result = read_friction_records(measure_file), read_friction_result(friction_file)
+    measured, result = stored.read_friction_records(measure_file), stored.read_friction_result(friction_file)
     followed, notes = [], []
     for joint in result.joints:
         try:
@@ -266,7 +250,7 @@ def follow_friction(
         for each in followed:
             console.say(f"follow: joint {each.joint}: {_words(each)}")
 
-    return Artefacts({"filter.h5": lambda path, stamp: write_filter(path, tuple(followed), stamp)}, report)
+    return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, tuple(followed), stamp)}, report)
 
 
 def _records_of(measured: FrictionRecords, joint: str) -> tuple[FrictionRecord, ...]:
@@ -303,7 +287,6 @@ def _followed(
 
 
 def _words(followed: FollowedFriction) -> str:
-    """The followed numbers at the end, and the NIS."""
     ends = [
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)
@@ -324,15 +307,10 @@ def _joint(
     bristle_stiffness, bristle_damping = law.at_rest()
     if law.law.n_states == 0:  # no presliding was identified
         bristle_stiffness, bristle_damping = F_c / _slip_deflection(records), 0.0
-    known = {
-        "coulomb": F_c,
-        "viscous": max(viscous, 1e-6 * F_c),
-        "stiction_ratio": F_s / F_c,
-        "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0,
-        "bristle_stiffness": bristle_stiffness,
-        "bristle_damping": bristle_damping,
-        "correlation_s": spec.correlation_time,
-    }
+    known = {"coulomb": F_c, "viscous": max(viscous, 1e-6 * F_c), "stiction_ratio": F_s / F_c}
+    known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
+    known |= {"bristle_stiffness": bristle_stiffness, "bristle_damping": bristle_damping}
+    known["correlation_s"] = spec.correlation_time
     posture = records[0].configuration
     angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
     elastic = held_joint(robot, identified.joint, angles)

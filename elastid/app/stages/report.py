@@ -47,14 +47,8 @@ def report(
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted = FittedRobot.of(result, robot, responses, model)
     content = ReportContent(
-        title=name,
-        verdict=validation.verdict,
-        result=result,
-        frf=tuple(zip(responses, fitted.responses, strict=True)),
-        validation=validation,
-        modes=modes_of(fitted),
-        study_text=text,
-        provenance=work.stamp.shown,
+        *(name, validation.verdict, result, tuple(zip(responses, fitted.responses, strict=True)), validation),
+        *(modes_of(fitted), text, work.stamp.shown),
         truth=truth(robot, experiment.simulated, seeded_fit.parameters, friction),
         plan=read_plan(design_file) if design_file is not None else None,
         forecast=read_forecast(design_file) if design_file is not None else None,
@@ -108,22 +102,12 @@ def report_responses(
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
-    content = ResponsesContent(
-        title=name,
-        responses=responses,
-        peaks=resonances,
-        study_text=text,
-        provenance=work.stamp.shown,
-        friction=friction,
-    )
+    content = ResponsesContent(name, responses, resonances, text, work.stamp.shown, friction)
     lines = []
     for response, own in zip(responses, resonances, strict=True):
         frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
         unit = "Hz" if response.rate_is_known else "of the sampling rate"
         words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
         lines.append(f"report: {response.configuration.name}: {words}")
-
-    def table(path: Path, stamp: Stamp) -> None:
-        write_peaks(path, responses, resonances)
-
-    return page_artefacts(write_page_of_responses, content, report, work, {"peaks.csv": table}, lines)
+    table: dict[str, Write] = {"peaks.csv": lambda path, stamp: write_peaks(path, responses, resonances)}
+    return page_artefacts(write_page_of_responses, content, report, work, table, lines)

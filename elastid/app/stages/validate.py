@@ -30,18 +30,11 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
 from elastid.store.results import read_fit, write_validation
+from elastid.validation import elastic_twin
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.comparison import describe_folds, divide, gather_folds
 from elastid.validation.cost import cost_p, explain_cost
-from elastid.validation.elastic_twin import (
-    FittedTwin,
-    ModelParts,
-    elastic_balances,
-    elastic_runs,
-    model_parts,
-    rigid_linearisation,
-)
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec
@@ -132,19 +125,13 @@ def _validation(
     in_time = _records_in_time(own, records, console, execution) if records is not None else []
     replays = tuple(replayed for replayed, _ in in_time)
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
-    validation = replace(
-        judged,
-        cost=explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit),
-        replays=replays,
-        replayed=describe_replays(replays) if replays else "",
-        folds=folds,
-        folded=describe_folds(folds, judged.fitted) if folds else "",
-    )
-    return validation, in_time
+    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit)
+    replayed = describe_replays(replays) if replays else ""
+    folded = describe_folds(folds, judged.fitted) if folds else ""
+    return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded), in_time
 
 
 def _folds(own: _Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
-    """The fit again without each part of the configurations; none where the study asks for none."""
     parts = divide([r.configuration.name for r in responses], own.spec.folds) if own.spec.folds else ()
     if not parts:
         return ()
@@ -165,14 +152,14 @@ def _records_in_time(own: _Validated, path: Path, console: Console, execution: E
     """
     fitted, names = own.fitted, read_configurations(path)
     try:
-        rigid = rigid_linearisation(fitted, own.model)
+        rigid = elastic_twin.rigid_linearisation(fitted, own.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
         rigid = None
     models = [
         _Models(
             *(name, fitted.at(name), fitted.theta_of(name)),
-            *(None if rigid is None else model_parts(fitted, rigid, name), response.freq_hz),
+            *(None if rigid is None else elastic_twin.model_parts(fitted, rigid, name), response.freq_hz),
         )
         for response in fitted.measured
         if (name := response.configuration.name) in names
@@ -187,7 +174,7 @@ class _Models:
     configuration: str
     linear: LinearModel
     theta: FloatArray
-    parts: ModelParts | None
+    parts: elastic_twin.ModelParts | None
     freq_hz: FloatArray
 
 
@@ -198,7 +185,7 @@ def _in_time(
     first = next(records)
     (net,) = net_records([first], friction, E)
     freq_hz, parts = models.freq_hz, models.parts
-    balances = () if parts is None else elastic_balances(first, net, parts, freq_hz, spec)
+    balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
     every = chain([net], net_records(records, friction, E))
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
     return replay(every, models.linear, models.theta, band_hz, spec), balances
@@ -217,4 +204,5 @@ def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution:
     moved = with_found_friction(robot, own.friction)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    return elastic_runs(record, FittedTwin(moved, numbers.get(DELAY, 0.0), own.model), band_hz, rig, execution)
+    twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.model)
+    return elastic_twin.elastic_runs(record, twin, band_hz, rig, execution)

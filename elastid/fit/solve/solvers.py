@@ -153,7 +153,6 @@ def _solved(
 
 
 def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:
-    """A start solved roughly, problem by problem."""
     x, iterations = x_start, 0
     try:
         for problem in problems:

@@ -99,7 +99,6 @@ def trust_region(
 
 
 def _creeps(costs: Sequence[float], dof: int) -> bool:
-    """True if V of the iterations so far is far from any noise and no longer decreases."""
     if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
         return False
     return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]

@@ -151,7 +151,6 @@ def nearest_run_signals(run: Rehearsal, use: LimitUse, plan: Plan | None) -> Fig
 
 
 def _shade_unmeasured(axes: Axes, t: FloatArray, plan: Plan) -> None:
-    """Shades hold, ramp and transient periods before the measured ones, ramp and hold after them."""
     begin = plan.transient_periods * plan.period_samples / plan.rate_hz
     end = begin + plan.periods * plan.period_samples / plan.rate_hz
     for low, high in ((t[0], begin), (end, t[-1])):

@@ -111,14 +111,11 @@ def friction_motion(friction: MotionFriction) -> Figure:
     speed, torque = units(slides)
     _draw_over_velocity(curve, friction, samples)
     style.label(curve, f"velocity in {speed}", f"friction in {torque}")
-    style.plot_curves(
-        over_time,
-        samples.time_s,
-        (samples.torque, style.MEASURED, 1.0, "measured"),
-        (samples.regressed, style.FITTED, 0.8, "regression"),
-        (samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"),
-        part=slice(None, None, max(1, len(samples.time_s) // MOST_SAMPLES)),
-    )
+    measured = samples.torque, style.MEASURED, 1.0, "measured"
+    regressed = samples.regressed, style.FITTED, 0.8, "regression"
+    rest = samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"
+    part = slice(None, None, max(1, len(samples.time_s) // MOST_SAMPLES))
+    style.plot_curves(over_time, samples.time_s, measured, regressed, rest, part=part)
     style.label(over_time, "time in s", f"{quantity(slides)} in {torque}")
     error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
     return style.finish(figure, f"{friction.motion.place}: friction over velocity, {error}", panels, panels, 0.01)

@@ -128,16 +128,9 @@ def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -
         handles, labels = panel.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
     width, height = figure.get_size_inches()
-    figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="upper center",
-        bbox_to_anchor=(0.5, 1 - 0.33 / height),
-        ncols=len(entries) if width > 8 else 3,
-        frameon=False,
-        fontsize=SMALL,
-        markerscale=markerscale,
-    )
+    looks: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "markerscale": markerscale, "loc": "upper center"}
+    looks |= {"bbox_to_anchor": (0.5, 1 - 0.33 / height), "ncols": len(entries) if width > 8 else 3}
+    figure.legend(list(entries.values()), list(entries), **looks)
 
 
 def column(height: float, ratios: Sequence[float], space: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:

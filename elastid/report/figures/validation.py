@@ -31,13 +31,9 @@ MARKERS = "osD^v<>Ph*"
 # Samples of a torque or a run that are drawn.
 MOST_SAMPLES = 3000
 COLORS = {
-    INERTIA: style.TOTAL,
-    RIGID_BODY: style.TOTAL,
-    GRAVITY: style.MEASURED,
-    VISCOUS: style.NOISE,
-    DRY: style.START,
+    INERTIA: style.TOTAL, RIGID_BODY: style.TOTAL, GRAVITY: style.MEASURED, VISCOUS: style.NOISE, DRY: style.START,
     ELASTICITY: style.TRUTH,
-}
+}  # fmt: skip
 TORQUE_CAPTION = (
     "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
     "the mean square, with friction and without, and the share of the torque's power that lies there."

@@ -131,11 +131,9 @@ def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:
     """Data of every mode of the rows of the page's table as JSON; empty where no row has a drawing."""
     if all(row.drawing is None for row in rows):
         return ""
-    content = {
-        "colors": {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED},
-        "rows": [_mode_row(row, "Hz" if rate_is_known else "of the sampling rate") for row in rows],
-    }
-    return embedded_json(content)
+    colors = {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED}
+    drawn = [_mode_row(row, "Hz" if rate_is_known else "of the sampling rate") for row in rows]
+    return embedded_json({"colors": colors, "rows": drawn})
 
 
 def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
@@ -143,27 +141,17 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
     if drawing is None:
         return None
     step = float(f"{np.ptp(drawing.points, axis=0).max() / STEPS:.4g}")
-    return {
-        "step": step,
-        "points": _whole(drawing.points, step),
-        "links": drawing.links,
-        "joints": drawing.joints,
-        "down": drawing.up if drawing.hanging else -1,
-        "modes": [_mode_content(row, drawing, mode, step, unit) for mode in range(len(row.frequency_hz))],
-    }
+    modes = [_mode_content(row, drawing, mode, step, unit) for mode in range(len(row.frequency_hz))]
+    sticks = {"points": _whole(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
+    return {"step": step, **sticks, "down": drawing.up if drawing.hanging else -1, "modes": modes}
 
 
 def _mode_content(row: ModeRow, drawing: ModeDrawing, mode: int, step: float, unit: str) -> Mapping[str, Any]:
     title = f"{row.configuration}, mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, "
     title += f"{percent(row.damping_ratio[mode])} damping"
     moved = drawing.moved[:, :, mode]
-    return {
-        "title": title,
-        "energy": row.energy_text[mode],
-        "views": drawing.views(mode),
-        "re": _whole(moved.real, step),
-        "im": _whole(moved.imag, step),
-    }
+    parts = {"re": _whole(moved.real, step), "im": _whole(moved.imag, step)}
+    return {"title": title, "energy": row.energy_text[mode], "views": drawing.views(mode), **parts}
 
 
 def _whole(values: FloatArray, step: float) -> list[int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +19,7 @@ from PIL import Image
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.execution import Execution
-from elastid.base.files import clear_folder
+from elastid.base.files import clear_folder, write_whole
 from elastid.base.note import grouped
 from elastid.nonlinear.result import friction_rows
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
@@ -124,22 +123,13 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     responses = explorer(content.frf, left_out, _models(content)) if content.frf else ""
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
+    scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
     rows = parameter_rows(content.result, content.truth, content.contents)
-    return render(
-        "template.html.j2",
-        content,
-        figures,
-        responses,
-        (*scripts, asset("mode_viewer.js")) if modes else scripts,
-        result=content.result,
-        rows=rows,
-        given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
-        agreements=content.validation.configurations,
-        mode_viewer=modes,
-        hz="Hz" if rate_is_known else "units of the sampling rate",
-        axis=row_axis(rows),
-        **first_screen(content, rows),
-    )
+    given = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
+    values = {"result": content.result, "rows": rows, "given": given, "axis": row_axis(rows), "mode_viewer": modes}
+    values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
+    values["hz"] = "Hz" if rate_is_known else "units of the sampling rate"
+    return render("template.html.j2", content, figures, responses, scripts, **values)
 
 
 def _models(content: ReportContent) -> tuple[tuple[FrequencyResponse, FloatArray | None], ...]:
@@ -184,22 +174,6 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     file = io.BytesIO()
     few.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
     return file.getvalue()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Under a temporary name first, so that a killed run leaves no half file; OSError names the file."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        temporary.unlink(missing_ok=True)  # a link would be followed
-        with temporary.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_page_of_responses(

@@ -35,12 +35,8 @@ def friction_explorer(joints: Iterable[JointFriction]) -> str:
     if not laws:
         return ""
     quantity = {"title": "friction", "unit": "", "digits": None, "curves": _looks()}
-    content = {
-        "frequency_unit": "rad/s",
-        "quantities": {"friction": quantity},
-        "responses": [_curve(name, law) for name, law in laws],
-    }
-    return embedded_json(content)
+    curves = [_curve(name, law) for name, law in laws]
+    return embedded_json({"frequency_unit": "rad/s", "quantities": {"friction": quantity}, "responses": curves})
 
 
 def _looks() -> list[Mapping[str, Any]]:
@@ -77,16 +73,9 @@ def _curve(name: str, law: StaticLaw) -> Mapping[str, Any]:
             curves[f"{key}{NAMES[direction][0]}"] = _rounded(values)
     highest = float((levels.torque + QUANTILE_95 * levels.std)[on_curve].max())
     unit_of_speed, unit = units(levels.slides)
-    return {
-        "title": f"{name} {condition.text(law)}".rstrip(),
-        "inputs": ["speed"],
-        "outputs": ["force" if levels.slides else "torque"],
-        "freq": _rounded(speed),
-        "curves": curves,
-        "range": [0, float(f"{1.1 * highest:.3g}")],
-        "unit": unit,
-        "x_unit": unit_of_speed,
-    }
+    title, output = f"{name} {condition.text(law)}".rstrip(), "force" if levels.slides else "torque"
+    axes = {"range": [0, float(f"{1.1 * highest:.3g}")], "unit": unit, "x_unit": unit_of_speed}
+    return {"title": title, "inputs": ["speed"], "outputs": [output], "freq": _rounded(speed), "curves": curves} | axes
 
 
 def _placed(n: int, lines: FloatArray, values: FloatArray) -> list[float | None]:
@@ -121,20 +110,11 @@ def write_page_of_friction(
 
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
-    curves = friction_explorer(content.result.joints)
-    return render(
-        "friction.html.j2",
-        content,
-        figures,
-        curves,
-        curve_scripts() if curves else (),
-        result=content.result,
-        headings=NUMBER_HEADINGS,
-        rows=[(identified, number_cells(identified)) for identified in content.result.numbers],
-        shared=shared_numbers,
-        refusals=refusals(content.result),
-        section=JOINT,
-    )
+    curves, result = friction_explorer(content.result.joints), content.result
+    rows = [(identified, number_cells(identified)) for identified in result.numbers]
+    values = {"result": result, "headings": NUMBER_HEADINGS, "rows": rows, "shared": shared_numbers, "section": JOINT}
+    scripts = curve_scripts() if curves else ()
+    return render("friction.html.j2", content, figures, curves, scripts, **values, refusals=refusals(result))
 
 
 def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...]:
