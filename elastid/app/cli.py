@@ -64,6 +64,10 @@ _OPTIONS: dict[str, Decorator] = {
         help="Overrides a key of the study, for example fit.starts=5.",
     ),
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
+    "with": click.option(
+        *("--with", "source"), type=click.Path(path_type=Path), required=True, metavar="RUN",
+        help="Run folder of a study of friction, or its friction.h5.",
+    ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
     "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
     "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
@@ -219,25 +223,17 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 @cli.command()
 @_study
-@click.option(
-    "--with",
-    "source",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="RESULT",
-    help="Run folder of a study of friction, or its friction.h5.",
-)
+@_options("with")
 @_stage_options
 def predict(study: Path, source: Path, **options: Any) -> None:
     """Judge the friction that another study has identified on the logs of this one: prediction.json.
 
-    For each joint it shows the part of the torque of the logs that the result explains and leaves, by octaves, beside
-    what a regression of the logs themselves leaves, and the motion of the robot simulated along the logs.
+    It shows the torque that the result explains and leaves, and the motion of the robot simulated along the logs.
     """
     asked = _run(study, options)
-    from elastid.app.predict import predict as predict_friction
+    from elastid.app import predict as predicting
 
-    predict_friction(asked, source)
+    predicting.predict(asked, source)
 
 
 @cli.command()
