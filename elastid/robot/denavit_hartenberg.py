@@ -51,7 +51,6 @@ class Link:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an axis: in these conventions it is z."""
         if self.joint.axis != "z":
             raise ValueError(
                 f"joint {self.joint.name}: its axis is z by convention, not {self.joint.axis}; leave it out"
@@ -92,7 +91,6 @@ class DenavitHartenberg:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an empty table, and rows that make no robot."""
         if not self.links:
             raise ValueError("links is empty; give a row for each joint, from the base to the tool")
         self.robot()

@@ -124,7 +124,6 @@ class UrdfJoint:
         "damping is a placeholder, as it often is for the sake of simulators.")] = None
     limits: Annotated[Limits | None, Key("Limits, in place of those of the file.", "where cell or test allow less than "
         "the file.")] = None
-    # fmt: on
 
 
 @section
