@@ -71,7 +71,6 @@ class TextFormatSpec:
         "without it.")] = 0
     comment: Annotated[str, Key("Character that begins a line that is skipped.", "where notes in the file begin with % "
         "or //, as in exports of some data loggers.")] = "#"
-    # fmt: on
 
 
 @section
@@ -264,7 +263,6 @@ class ResponseFileSpec:
     response: Annotated[str, Key("Name of the response in the file: variable of a MATLAB file, configuration of a "
         "frf.h5 of elastid (default: the only one; of frf.h5 the configuration of the same name).", "where a file "
         "holds several; the error lists the names that there are.")] = ""
-    # fmt: on
 
 
 @section

@@ -111,7 +111,6 @@ class Kernel:
     wanted: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Check the names."""
         for name in self.wanted:
             if name not in self.model.parameters:
                 raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
