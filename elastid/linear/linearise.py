@@ -252,24 +252,14 @@ class Linearisation:
             moved = self.point.at(point, theta, K, Z, tuple(outputs))
             held = _slopes(model, slopes + moved.triangles, Z)
             of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
+        names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
+        places = model.inputs, tuple(outputs), quantity
+        M, D, K = (_projected(Z, matrix) for matrix in (M, D, K))
+        B, C, T = Z.T @ model.B, C @ Z, T @ Z
+        chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
+        gains = tuple(name for name in model.parameters if name in model.robot.gains)
         return LinearModel(
-            configuration=configuration,
-            parameters=(*model.parameters, DELAY),
-            theta_ref=np.append(theta, 0.0),
-            M=_projected(Z, M),
-            D=_projected(Z, D),
-            K=_projected(Z, K),
-            slopes=of_name,
-            B=Z.T @ model.B,
-            C=C @ Z,
-            inputs=model.inputs,
-            outputs=tuple(outputs),
-            quantity=quantity,
-            chain=elements(model.robot.chain),
-            T=T @ Z,
-            Z=Z,
-            gains=tuple(name for name in model.parameters if name in model.robot.gains),
-            sliding=model.robot.sliding((*model.inputs, *outputs)),
+            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, gains, sliding=sliding
         )
 
     @cached_property

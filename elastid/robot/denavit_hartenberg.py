@@ -110,16 +110,10 @@ class DenavitHartenberg:
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))
         standard = self.convention == "standard"
-        return Body(
-            name=link.body_name,
-            parent=parent,
-            placement=before if standard else _chained(before, across),
-            joints=(link.joint, *link.elastic),
-            mass=link.mass,
-            center_of_mass=link.center_of_mass,
-            inertia=self._inertia(link),
-            mounting=_chained(turn, along, across) if standard else _chained(turn, along),
-        )
+        placement = before if standard else _chained(before, across)
+        mounting = _chained(turn, along, across) if standard else _chained(turn, along)
+        own = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
+        return Body(link.body_name, parent, placement, *own, mounting)
 
     def _inertia(self, link: Link) -> InertiaTensor:
         if self.inertia_about == "center_of_mass":

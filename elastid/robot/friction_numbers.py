@@ -1,12 +1,7 @@
 r"""Named numbers of dry friction on the link side, whichever side a law stands on, and laws moved through a gear.
 
 With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: on the link side a torque is |n|, a velocity 1 / |n|
-and a damping n^2 times as large.
-
-Fc_m1, Fs_m1, vs_m1, a_m1, f_m1 and f2_m1 are Coulomb friction, stiction, Stribeck velocity, its exponent, viscous and
-quadratic friction at the motor of joint 1; Fcl_m1, Fsl_m1 and vl_m1 what load adds; FsT_m1, vsT_m1, fT_m1 and TV_m1
-what temperature changes; dFc_m1 and df_m1 half of what the directions differ by; s0_m1 and s1_m1 stiffness and damping
-of bristles.
+and a damping n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb friction at the motor of joint 1.
 """
 
 from __future__ import annotations
