@@ -23,7 +23,7 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
-from elastid.design.limits import nearest_run, within_limits
+from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, robot_time_refusal, room
@@ -154,7 +154,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
-    return Design(plan, expected, limit_use, nearest_run(problem.rig(plan), limit_use.nearest))
+    nearest = next(run for run in plan.experiments if run.name == limit_use.nearest)
+    return Design(plan, expected, limit_use, problem.rig(plan).rehearse(nearest))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:

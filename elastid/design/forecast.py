@@ -105,19 +105,12 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     covariance = estimate_uncertainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
-    blind = _blind(np.asarray(R), parameters, x)
-    found = Forecast(
-        parameters=parameters.free_names,
-        units=tuple(p.unit for p in free),
-        nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
-        log=tuple(p.log for p in free),
-        covariance=covariance,
-        configurations=tuple(e.response.configuration.name for e in expected),
-        freq_hz=freq_hz,
-        share=_share(fit, x, np.asarray(R)),
-        blind=blind,
-        notes=tuple(_undetermined(blind, parameters.free_names, len(expected), len(freq_hz))),
-    )
+    blind, share = _blind(np.asarray(R), parameters, x), _share(fit, x, np.asarray(R))
+    names, units, log = parameters.free_names, tuple(p.unit for p in free), tuple(p.log for p in free)
+    nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
+    configurations = tuple(e.response.configuration.name for e in expected)
+    notes = tuple(_undetermined(blind, names, len(expected), len(freq_hz)))
+    found = Forecast(names, units, nominal, log, covariance, configurations, freq_hz, share, blind, notes)
     return replace(found, notes=(*found.notes, *_correlated(found)))
 
 

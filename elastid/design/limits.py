@@ -30,11 +30,6 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Configuration
 
 
-def nearest_run(rig: SimulatedRig, name: str) -> Rehearsal:
-    """The rehearsal of the run `name`, the one nearest to a limit, repeated for its signals."""
-    return rig.rehearse(next(run for run in rig.experiments if run.name == name))
-
-
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
     """Limits (5, n_u) in a configuration, in the order of QUANTITIES."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
@@ -64,11 +59,6 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
         np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
         for c in plan.configurations
     ])  # fmt: skip
-
-
-def _nearest_to_limits(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
-    index = {c.name: q for q, c in enumerate(plan.configurations)}
-    return max(plan.experiments, key=lambda e: float((runs[e.name] / limit[index[e.configuration.name]]).max())).name
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
@@ -120,8 +110,10 @@ def within_limits(
     scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
-    peak, nearest = largest_peaks(plan, runs), _nearest_to_limits(plan, runs, limit)
-    return scaled, LimitUse(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest, plan.sliding)
+    own = dict(zip(names, limit, strict=True))
+    nearest = max(plan.experiments, key=lambda e: float((runs[e.name] / own[e.configuration.name]).max())).name
+    use = names, plan.inputs, largest_peaks(plan, runs), limit, factor, excitation.margin, notes, nearest, plan.sliding
+    return scaled, LimitUse(*use)
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:

@@ -188,13 +188,9 @@ class Prospect:
                 "excitation.flat: information needs the expected noise; set experiment.simulated.noise, or take "
                 "another flat"
             )
-        return PowerSource(
-            J=J * np.where(used, expected.weights.sigma, 0.0),
-            error=error,
-            spread=np.abs(np.linalg.inv(sensitivity)) ** 2,
-            fixed=(expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2,
-            used=used,
-        )
+        spread = np.abs(np.linalg.inv(sensitivity)) ** 2
+        fixed = (expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2
+        return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
         """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""

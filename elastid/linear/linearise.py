@@ -173,32 +173,9 @@ def _reading(
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """(q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
     q, theta, free = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters)), free_coordinates(model)
-    parts = [ca.vec(ca.densify(part)) for part in _readout(model, q, theta, outputs)]
+    parts = [ca.vec(ca.densify(part)) for part in model.readout(q, theta, outputs)]
     slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
     return ca.Function("readout_slopes", [q, theta], slopes)
-
-
-def _readout(model: ElasticModel, q: ca.SX, theta: ca.SX, locations: tuple[str, ...]) -> tuple[ca.SX, ca.SX]:
-    """C and T (n_y, n_q) of `ElasticModel.output_jacobian` and `gravity_jacobian` at q (n_q,), as expressions."""
-    rows = ca.vertsplit(ca.vertcat(model.angular_velocity(q), model.frame_velocity(q, theta)))
-    rates = dict(zip(model.rates, rows, strict=True))
-    names = [frame.name for frame in model.robot.frames]
-    gravity = model.frame_gravity(q)
-    C, T = [], []
-    for place in locations:
-        kind, _, rest = place.partition(" ")
-        name, _, axis = rest.rpartition(" ")
-        C.append(ca.SX(1, model.n_q))
-        T.append(ca.SX(1, model.n_q))
-        if kind in ("motor", "joint"):
-            C[-1][model.index(place)] = 1
-        else:
-            C[-1] = rates["frame" if kind == "accelerometer" else kind, name, axis]
-        if kind == "accelerometer":
-            turning = ca.vertcat(*(rates["frame", name, f"r{letter}"] for letter in "xyz"))
-            g = gravity[3 * names.index(name) : 3 * names.index(name) + 3]
-            T[-1] = -(ca.skew(g) @ turning)["xyz".index(axis), :]
-    return ca.vertcat(*C), ca.vertcat(*T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,31 +245,21 @@ class Linearisation:
         slopes = np.zeros(jacobian.shape)
         slopes[self._entries] = jacobian.nonzeros()
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
-        C, T = model.output_jacobian(point.q, outputs, theta), model.gravity_jacobian(point.q, outputs)
+        C, T = (np.ascontiguousarray(part.full()) for part in model.readout(point.q, theta, outputs))
         if self.point is None:
             of_name = _slopes(model, slopes, Z)
         else:
             moved = self.point.at(point, theta, K, Z, tuple(outputs))
             held = _slopes(model, slopes + moved.triangles, Z)
             of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
+        names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
+        places = model.inputs, tuple(outputs), quantity
+        M, D, K = (_projected(Z, matrix) for matrix in (M, D, K))
+        B, C, T = Z.T @ model.B, C @ Z, T @ Z
+        chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
+        gains = tuple(name for name in model.parameters if name in model.robot.gains)
         return LinearModel(
-            configuration=configuration,
-            parameters=(*model.parameters, DELAY),
-            theta_ref=np.append(theta, 0.0),
-            M=_projected(Z, M),
-            D=_projected(Z, D),
-            K=_projected(Z, K),
-            slopes=of_name,
-            B=Z.T @ model.B,
-            C=C @ Z,
-            inputs=model.inputs,
-            outputs=tuple(outputs),
-            quantity=quantity,
-            chain=elements(model.robot.chain),
-            T=T @ Z,
-            Z=Z,
-            gains=tuple(name for name in model.parameters if name in model.robot.gains),
-            sliding=model.robot.sliding((*model.inputs, *outputs)),
+            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, gains, sliding=sliding
         )
 
     @cached_property

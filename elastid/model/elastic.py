@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -132,53 +133,37 @@ class ElasticModel:
             return self.coordinates.index(location.replace("motor ", "joint ", 1))
         return self.coordinates.index(location)
 
-    def output_jacobian(self, q: FloatArray, locations: Sequence[str], theta: FloatArray | None = None) -> FloatArray:
-        """C (n_y, n_q): rates of places are C v at q (n_q,); StudyError for an unknown place.
+    def output_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
+        """C (n_y, n_q) of `readout` at q (n_q,), with the robot's own numbers."""
+        return np.ascontiguousarray(self.readout(q, self.theta, locations)[0].full())
 
-        theta (n_theta,): default the robot's own numbers.
+    def readout(self, q: Any, theta: Any, locations: Sequence[str]) -> tuple[Any, Any]:
+        r"""C and T (n_y, n_q) of places with the rates C v, at q (n_q,): DM, or SX of symbols.
+
         `motor <name>`, `joint <name>`.  `body <name> <axis>`: absolute angular velocity about an axis fixed in it.
         `frame <name> x`, `accelerometer <name> x`: velocity of the frame's origin along its axis; `frame <name> rx`:
-        its angular velocity.
+        its angular velocity.  StudyError for an unknown place.
+
+        T: gravity that tilting adds to accelerometers, y = C q'' + T q; 0 for all other places. An accelerometer reads
+        the acceleration of its origin (Niglis & Oberg 2015, eq. (2.5), at rest) less gravity, both in its own axes. A
+        small rotation phi of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi =
+        -[g x] J_omega q.
         """
-        C = np.zeros((len(locations), self.n_q))
-        rates = self._rates(q, locations, theta)
-        for row, place in enumerate(locations):
+        rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q), self.frame_velocity(q, theta)))
+        rates, gravity = dict(zip(self.rates, rows, strict=True)), self.frame_gravity(q)
+        names, coordinates = [frame.name for frame in self.robot.frames], ca.DM.eye(self.n_q)
+        C, T = [], []
+        for place in locations:
             self.robot.check_location(place)
             kind, _, rest = place.partition(" ")
+            name, _, axis = rest.rpartition(" ")
+            T.append(type(gravity)(1, self.n_q))
             if kind in ("motor", "joint"):
-                C[row, self.index(place)] = 1.0
-            else:
-                name, axis = rest.rsplit(" ", 1)
-                C[row] = rates[kind, name, axis]
-        return C
-
-    def gravity_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
-        r"""T (n_y, n_q) of the gravity that tilting adds to accelerometers, y = C q'' + T q; 0 for all other places.
-
-        An accelerometer reads the acceleration of its origin (Niglis & Oberg 2015, eq. (2.5), at rest) less gravity,
-        both in its own axes. A small rotation phi of these axes turns gravity in them by g x phi, so that the reading
-        changes by -g x phi = -[g x] J_omega q.
-        """
-        T = np.zeros((len(locations), self.n_q))
-        rates, gravity = self._rates(q, locations, None), self.frame_gravity(q).full().reshape(-1, 3)
-        names = [frame.name for frame in self.robot.frames]
-        for row, place in enumerate(locations):
-            kind, _, rest = place.partition(" ")
+                C.append(coordinates[self.index(place), :])
+                continue
+            C.append(rates["frame" if kind == "accelerometer" else kind, name, axis])
             if kind == "accelerometer":
-                name, axis = rest.rsplit(" ", 1)
-                turning = np.array([rates["frame", name, f"r{letter}"] for letter in "xyz"])
-                T[row] = -np.cross(gravity[names.index(name)], turning.T)[:, "xyz".index(axis)]
-        return T
-
-    def _rates(
-        self, q: FloatArray, locations: Sequence[str], theta: FloatArray | None
-    ) -> dict[tuple[str, str, str], FloatArray]:
-        """Rows of the Jacobians of bodies and frames; none where no location needs them."""
-        if all(place.startswith(("motor ", "joint ")) for place in locations):
-            return {}
-        angular = self.angular_velocity(q).full()
-        frames = self.frame_velocity(q, self.theta if theta is None else theta).full()
-        rows = dict(zip(self.rates, [*angular, *frames], strict=True))
-        return rows | {
-            ("accelerometer", name, axis): row for (kind, name, axis), row in rows.items() if kind == "frame"
-        }
+                turning = ca.vertcat(*(rates["frame", name, f"r{letter}"] for letter in "xyz"))
+                g = gravity[3 * names.index(name) : 3 * names.index(name) + 3]
+                T[-1] = -(ca.skew(g) @ turning)["xyz".index(axis), :]
+        return ca.vertcat(*C), ca.vertcat(*T)

@@ -147,7 +147,7 @@ def skeleton(
     further: body name to points in the body's own axes.
     """
     layout = tree(robot)
-    R, p = frames(layout, link_angles(robot, angles))
+    R, p = frames(layout, followed(robot, angles))
     points = knots(robot, layout, further or {})
     return Skeleton(
         np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in points], axis=1),
@@ -170,7 +170,7 @@ def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
 
     The tool: the origin of the frame called `tool`, or, where there is none, the last body's centre of mass.
     """
-    q = link_angles(robot, angles)
+    q = followed(robot, angles)
     if any(frame.name == TOOL for frame in robot.frames):
         return frame_jacobians(robot, q, TOOL) @ rates(robot, q)
     layout = tree(robot)
@@ -178,11 +178,6 @@ def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
     seat = layout.attachments[len(robot.bodies) - 1]
     local = seat.p + seat.R @ np.array(robot.bodies[-1].center_of_mass)
     return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, local, len(q))) @ rates(robot, q)
-
-
-def link_angles(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Angles (Q, n_l) of all joints from those of the driven ones (Q, n_u), loops closed as far as they go."""
-    return followed(robot, angles)
 
 
 def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -223,7 +218,9 @@ def joint_without_inertia(robot: Robot, q: FloatArray) -> int | None:
     """
     layout = tree(robot)
     R, p = frames(layout, q[None])
-    M = np.diag([_rotor(robot, i) for i in range(len(robot.joints))])
+    # A rotor behind a spring moves by itself.
+    motors = [None if joint in robot.flexible else joint.motor for joint in robot.joints]
+    M = np.diag([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         if seat.frame >= 0:
             center = placed(R, p, seat.frame, seat.p + seat.R @ np.array(body.center_of_mass), 1)
@@ -236,12 +233,6 @@ def joint_without_inertia(robot: Robot, q: FloatArray) -> int | None:
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, motions = np.linalg.eigh(M / np.outer(scale, scale))
     return int(np.argmax(np.abs(motions[:, 0]))) if eigenvalues[0] <= 1e-12 else None
-
-
-def _rotor(robot: Robot, i: int) -> float:
-    """The inertia of a joint's rotor, link side; 0 behind a spring, where it moves by itself."""
-    joint = robot.joints[i]
-    return 0.0 if joint.motor is None or joint in robot.flexible else joint.motor.inertia * joint.motor.ratio**2
 
 
 StickKind: TypeAlias = Literal["arm", "mass", "strut"]

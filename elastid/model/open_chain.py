@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -79,22 +80,12 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     V_balance, f_balance = compensators(robot, layout, turned, q, named)
     M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
     f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
-    return Equations(
-        coordinates=coordinates,
-        parameters=tuple(table),
-        q=q,
-        v=v,
-        theta=theta,
-        M=M_bodies + M_drive + M_carried,
-        f=f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance,
-        V=q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
-        D=D,
-        phi=ca.sparsify(ca.DM(np.vstack([np.zeros((0, n_q)), *rigid]))) @ q,
-        J=J,
-        gravity=gravity_seen,
-        B=input_matrix(robot),
-        strains=strains,
-    )
+    M = M_bodies + M_drive + M_carried
+    f = f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance
+    V = q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance
+    phi = ca.sparsify(ca.DM(np.vstack([np.zeros((0, n_q)), *rigid]))) @ q
+    B, parameters = input_matrix(robot), tuple(table)
+    return Equations(coordinates, parameters, q, v, theta, M, f, V, D, phi, J, gravity_seen, B, strains)
 
 
 def by_name(equations: Equations) -> dict[str, ca.SX]:
@@ -156,18 +147,10 @@ def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ..
         "frame_gravity": (("q",), {"g": equations.gravity}),
         "strain": (("q", "theta"), {"c": stiffness, "b": ca.jacobian(deflection, q)}),
     }
-    functions = {
+    functions: dict[str, Any] = {
         name: ca.Function(name, [symbols[symbol] for symbol in given], [*results.values()], [*given], [*results])
         for name, (given, results) in terms.items()
     }
-    return ElasticModel(
-        robot=robot,
-        coordinates=equations.coordinates,
-        inputs=robot.motor_locations,
-        parameters=tuple(table),
-        theta=np.array([value for value, _ in table.values()]),
-        B=equations.B,
-        independent=independent,
-        springs=tuple(strain.spring for strain in equations.strains),
-        **functions,
-    )
+    theta, springs = np.array([x for x, _ in table.values()]), tuple(strain.spring for strain in equations.strains)
+    names = equations.coordinates, robot.motor_locations, tuple(table)
+    return ElasticModel(robot, *names, theta, equations.B, **functions, springs=springs, independent=independent)

@@ -39,7 +39,6 @@ class ModelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Variants and chosen coordinates belong to the minimal formulation."""
         for key, given in (("variant", self.variant != "exact"), ("independent", bool(self.independent))):
             if given and self.formulation != "minimal":
                 raise ValueError(f"{key} is a choice of the minimal formulation; set formulation: minimal")

@@ -59,7 +59,6 @@ class Body:
 
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
-        """Refuse a physically impossible inertia: principal moments obey I1 <= I2 + I3."""
         if self.mass < 0:
             raise ValueError(f"mass of body {self.name}: {self.mass:g} kg; it must not be negative")
         principal = np.linalg.eigvalsh(self.inertia_matrix)
@@ -114,7 +113,6 @@ class Frame:
         "the wrong side of an elastic joint misses its bending.")]
     placement: Annotated[Placement, Key("Placement in the body's frame.", "measure to the sensor's own origin: 10 cm "
         "off on a swinging arm is the acceleration of another place.")] = field(default_factory=Placement)
-    # fmt: on
 
 
 @section
@@ -133,7 +131,6 @@ class Payload:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Checked as a body."""
         self.body("", Placement())
 
     def body(self, parent: str, placement: Placement) -> Body:

@@ -51,7 +51,6 @@ class Link:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an axis: in these conventions it is z."""
         if self.joint.axis != "z":
             raise ValueError(
                 f"joint {self.joint.name}: its axis is z by convention, not {self.joint.axis}; leave it out"
@@ -92,7 +91,6 @@ class DenavitHartenberg:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an empty table, and rows that make no robot."""
         if not self.links:
             raise ValueError("links is empty; give a row for each joint, from the base to the tool")
         self.robot()
@@ -112,16 +110,10 @@ class DenavitHartenberg:
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))
         standard = self.convention == "standard"
-        return Body(
-            name=link.body_name,
-            parent=parent,
-            placement=before if standard else _chained(before, across),
-            joints=(link.joint, *link.elastic),
-            mass=link.mass,
-            center_of_mass=link.center_of_mass,
-            inertia=self._inertia(link),
-            mounting=_chained(turn, along, across) if standard else _chained(turn, along),
-        )
+        placement = before if standard else _chained(before, across)
+        mounting = _chained(turn, along, across) if standard else _chained(turn, along)
+        own = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
+        return Body(link.body_name, parent, placement, *own, mounting)
 
     def _inertia(self, link: Link) -> InertiaTensor:
         if self.inertia_about == "center_of_mass":

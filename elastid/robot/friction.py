@@ -41,7 +41,6 @@ class LuGre:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse bristles that push."""
         require_positive("lugre: stiffness (sigma_0)", self.stiffness)
         require_not_negative("lugre: damping (sigma_1)", self.damping)
         if self.damping_velocity is not None:
@@ -68,7 +67,6 @@ class MaxwellSlip:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """As many numbers as elements, shares that sum to one."""
         if not self.stiffness or len(self.stiffness) != len(self.shares):
             raise ValueError(
                 f"maxwell_slip: {len(self.stiffness)} numbers of stiffness and {len(self.shares)} shares; give one of "
@@ -109,7 +107,6 @@ class LoadDependence:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse friction that falls with the load, and a Stribeck velocity of nothing."""
         require_not_negative("load: coulomb", self.coulomb)
         require_not_negative("load: stiction", self.of_stiction)
         if self.stribeck_velocity is None:
@@ -148,7 +145,6 @@ class TemperatureDependence:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse oil that thickens with heat."""
         require_not_negative("temperature: viscous (f_T)", self.viscous)
         require_positive("temperature: decay (T_V)", self.decay)
 
@@ -164,7 +160,6 @@ class Directions:
     viscous: Annotated[Damping, Key("Half the difference of the viscous friction.", "where the two slopes over speed "
         "differ: half of the difference, -37 compared with 203 N*s/m on a published axis, whose residual falls from "
         "3.6 to 2.4 % by it.")] = 0.0
-    # fmt: on
 
 
 @section
@@ -181,7 +176,6 @@ class MeasuredRange:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a range upside down."""
         for name in ("speed", "load", "temperature"):
             ends = getattr(self, name)
             if ends is not None and not ends[0] <= ends[1]:
@@ -232,7 +226,6 @@ class Friction:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse laws that contradict themselves."""
         require_positive("friction: coulomb (F_c)", self.coulomb)
         require_not_negative("friction: quadratic (alpha_3)", self.quadratic)
         low, high = EXPONENT_RANGE

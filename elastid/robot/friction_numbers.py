@@ -1,12 +1,7 @@
 r"""Named numbers of dry friction on the link side, whichever side a law stands on, and laws moved through a gear.
 
 With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: on the link side a torque is |n|, a velocity 1 / |n|
-and a damping n^2 times as large.
-
-Fc_m1, Fs_m1, vs_m1, a_m1, f_m1 and f2_m1 are Coulomb friction, stiction, Stribeck velocity, its exponent, viscous and
-quadratic friction at the motor of joint 1; Fcl_m1, Fsl_m1 and vl_m1 what load adds; FsT_m1, vsT_m1, fT_m1 and TV_m1
-what temperature changes; dFc_m1 and df_m1 half of what the directions differ by; s0_m1 and s1_m1 stiffness and damping
-of bristles.
+and a damping n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb friction at the motor of joint 1.
 """
 
 from __future__ import annotations
@@ -14,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import of_translation
 from elastid.robot.friction import Friction
 from elastid.robot.joint import Joint
@@ -108,10 +102,9 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
     """Value and unit, link side, of each number that the friction of the robot's motors has."""
     numbers: dict[str, tuple[float, str]] = {}
     for joint in robot.driven:
-        motor = joint.motor
-        if motor is None or motor.dry_friction is None:
+        motor, law = joint.motor, law_of(robot, joint.name)
+        if motor is None or law is None:
             continue
-        law = through_gear(motor.dry_friction, motor.ratio, to_motor=False)
         for term in TERMS.values():
             keys, unit = tuple(term.path.split(".")), term.unit_at(joint.slides)
             if term.path == "viscous":
@@ -121,32 +114,20 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
     return numbers
 
 
-def with_friction_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The robot with other numbers of its friction, link side; StudyError for a number that it does not have."""
-    known = friction_numbers(robot)
-    for name in values:
-        if name not in known:
-            raise StudyError(f"the friction of robot {robot.name} has no number {name}; {did_you_mean(name, known)}")
-    laws: dict[str, tuple[Friction, float]] = {}
-    for joint in robot.driven:
-        own = {term.path: values[term.name(joint.name)] for term in TERMS.values() if term.name(joint.name) in values}
-        if not own or joint.motor is None:
-            continue
-        law = joint.motor.dry_friction
-        assert law is not None
-        viscous = own.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
-        on_link = through_gear(law, joint.motor.ratio, to_motor=False)
-        laws[joint.name] = replaced(on_link, {tuple(path.split(".")): x for path, x in own.items()}), viscous
-    return with_laws(robot, laws)
-
-
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The robot with other numbers, those of its friction among them, as `Robot.with_parameters`."""
+    """The robot with other numbers, those of its friction (link side) among them, as `Robot.with_parameters`."""
     known = friction_numbers(robot)
-    own = {name: value for name, value in values.items() if name in known}
     rest = {name: value for name, value in values.items() if name not in known}
     changed = robot.with_parameters(rest) if rest else robot
-    return with_friction_numbers(changed, own) if own else changed
+    laws: dict[str, tuple[Friction, float]] = {}
+    for joint in changed.driven:
+        names = {term.path: term.name(joint.name) for term in TERMS.values()}
+        own = {path: values[name] for path, name in names.items() if name in values and name in known}
+        law = law_of(changed, joint.name)
+        if own and law is not None and joint.motor is not None:
+            viscous = own.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
+            laws[joint.name] = replaced(law, {tuple(path.split(".")): x for path, x in own.items()}), viscous
+    return with_laws(changed, laws) if laws else changed
 
 
 def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:

@@ -43,7 +43,6 @@ class GearCoupling:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse the ratio of a motor to its own joint, which the motor has."""
         if self.motor == self.joint:
             raise ValueError(
                 f"the ratio of motor {self.motor} to its own joint stands in motor.ratio; gears hold couplings"

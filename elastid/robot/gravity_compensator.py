@@ -28,7 +28,6 @@ class Anchor:
         "foot.")] = BASE
     point: Annotated[Vector3, Key("Coordinates of the point in the body's axes.", "at the centre of the bearing; "
         "millimetres matter where a spring acts nearly through the axis.")] = (0.0, 0.0, 0.0)
-    # fmt: on
 
 
 @section
@@ -44,7 +43,6 @@ class CoilSpring:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no coil can have."""
         require_positive("stiffness", self.stiffness, " N/m")
         require_not_negative("rest_length", self.rest_length, " m")
 
@@ -71,7 +69,6 @@ class GasSpring:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no gas spring can have."""
         for name, unit in (("force", " N"), ("length", " m"), ("column", " m")):
             require_positive(name, getattr(self, name), unit)
         if not 1 <= self.kappa <= 2:
@@ -103,7 +100,6 @@ class Compensator:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One spring, between two bodies."""
         if (self.coil is None) == (self.gas is None):
             raise ValueError(f"compensator {self.name}: give one of coil and gas")
         first, second = self.ends

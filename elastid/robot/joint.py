@@ -63,7 +63,6 @@ class Motor:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no motor can have."""
         if self.ratio == 0 or not math.isfinite(self.ratio):
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
         require_positive("the motor's inertia", self.inertia, " kg*m^2")
@@ -118,7 +117,6 @@ class Limits:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse an empty range."""
         if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration) > 0:
             raise ValueError(
                 f"limits leave no motion: angle [{self.angle[0]:g}, {self.angle[1]:g}] must be [lower, upper], "
@@ -160,7 +158,6 @@ class Joint:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check axis, friction and units."""
         unit_axis(self.axis)
         require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
         if self.slides and any(self.point):

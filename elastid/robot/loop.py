@@ -26,7 +26,6 @@ class Pin:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check the axes."""
         unit_axis(self.axis)
         if self.other_axis is not None:
             unit_axis(self.other_axis)
@@ -52,7 +51,6 @@ class Rod:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no rod can have."""
         require_positive("the length of the rod", self.length, " m")
         for name in ("mass", "inertia", "damping"):
             require_not_negative(f"{name} of the rod", getattr(self, name))
@@ -95,7 +93,6 @@ class Loop:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """One way of closing, between two bodies."""
         if self.pin is not None and self.rod is not None:
             raise ValueError(f"loop {self.name}: give pin or rod, or neither (the points coincide), not both")
         if self.ends[0].body == self.ends[1].body:

@@ -47,7 +47,6 @@ class ChannelGain:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a gain that is not positive."""
         hint = " (for the other sign give the channel sign: -1)"
         require_positive(f"the gain of {self.role} at {self.at}", self.gain, advice=hint)
 
@@ -75,7 +74,6 @@ class Chain:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse times and damping that are not positive."""
         for name, value in self._times.items():
             require_positive(name, value, " s", " (leave it out where there is none)")
         require_positive("torque_damping", self.torque_damping)

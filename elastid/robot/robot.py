@@ -122,7 +122,6 @@ class Robot:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check the tree, then everything attached to it."""
         check_part_names(self)
         known = [BASE]
         for body in self.bodies:

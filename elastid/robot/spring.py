@@ -59,7 +59,6 @@ class Spring:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse a spring whose torque does not grow with its deflection."""
         unit, angle = self._units
         require_positive("stiffness", self.stiffness, f" {unit}")
         require_not_negative("damping", self.damping, f" {unit.replace('/', '*s/')}")

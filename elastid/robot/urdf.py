@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 from xml.parsers import expat
 
 import numpy as np
@@ -106,7 +106,9 @@ def read_elements(path: Path) -> UrdfElement:
     return stack[0].children[0]
 
 
-_MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "translation"}
+_MOVING: dict[str, Literal["rotation", "translation"]] = {
+    "revolute": "rotation", "continuous": "rotation", "prismatic": "translation",
+}  # fmt: skip
 
 
 @section
@@ -124,7 +126,6 @@ class UrdfJoint:
         "damping is a placeholder, as it often is for the sake of simulators.")] = None
     limits: Annotated[Limits | None, Key("Limits, in place of those of the file.", "where cell or test allow less than "
         "the file.")] = None
-    # fmt: on
 
 
 @section
@@ -248,19 +249,11 @@ class _Reader:
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
         dynamics, given = joint.first("dynamics"), self.known[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
+        viscous = viscous if given.viscous is None else given.viscous
         try:
-            return (
-                Joint(
-                    name=name,
-                    axis=(x, y, z),
-                    spring=given.spring,
-                    motor=given.motor,
-                    viscous=viscous if given.viscous is None else given.viscous,
-                    limits=_limits(joint) if given.limits is None else given.limits,
-                    motion="translation" if kind == "prismatic" else "rotation",
-                ),
-                *given.elastic,
-            )
+            limits = _limits(joint) if given.limits is None else given.limits
+            axis, parts = (x, y, z), (given.spring, given.motor, viscous)
+            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *given.elastic
         except StudyError:
             raise
         except ValueError as error:

@@ -88,13 +88,7 @@ def _loaded(function: ca.Function) -> ca.Function:
         return ca.external(function.name(), str(library))
 
 
-def sampled_step(
-    model: ElasticModel,
-    contacts: Contacts,
-    rate_hz: float,
-    substeps: int,
-    drives: Drives,
-) -> ca.Function:
+def sampled_step(model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives) -> ca.Function:
     """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
 
     substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
@@ -190,7 +184,6 @@ class Commands:
     reading_noise: FloatArray
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         for field in fields(self):
             shape = getattr(self, field.name).shape
             if shape != self.position.shape:

@@ -155,7 +155,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sample", type=int, help="so many modules, drawn at random (default: all)")
     parser.add_argument("--under", default="elastid", help="only modules whose path begins so")
+    parser.add_argument("--quick", action="store_true", help="one mutant of each of two modules")
     given = parser.parse_args()
+    each, count = (1, 2) if given.quick else (given.each, given.sample)
     import casadi  # noqa: F401  loaded once, for all copies
     import h5py  # noqa: F401
     import pytest  # noqa: F401
@@ -164,11 +166,11 @@ def main() -> None:
 
     paths = sorted((ROOT / "elastid").rglob("*.py"))
     modules = [p for p in paths if p.name != "__init__.py" and str(p.relative_to(ROOT)).startswith(given.under)]
-    if given.sample is not None:
-        modules = sorted(random.Random(given.seed).sample(modules, min(given.sample, len(modules))))
+    if count is not None:
+        modules = sorted(random.Random(given.seed).sample(modules, min(count, len(modules))))
     counts = {"modules": 0, "with a test": 0, "with a mutant killed": 0, "mutants": 0, "killed": 0}
     for path in modules:
-        trees = mutants(path, given.each, given.seed)
+        trees = mutants(path, each, given.seed)
         if not trees:
             continue
         counts["modules"] += 1

@@ -19,7 +19,6 @@ from elastid.base.errors import StudyError
 from elastid.design.forecast import QUANTITIES, LimitUse
 from elastid.design.limits import (
     limits_of,
-    nearest_run,
     peaks_of_movement,
     peaks_of_run,
     power_costs,
@@ -141,7 +140,8 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     """plan.h5 holds plan, references and the use of the limits."""
     plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
-    run = nearest_run(SimulatedRig(arm(), experiment(CARRIERS[1]), plan, 1), limit_use.nearest)
+    rig = SimulatedRig(arm(), experiment(CARRIERS[1]), plan, 1)
+    run = rig.rehearse(next(run for run in rig.experiments if run.name == limit_use.nearest))
     path, torque = tmp_path / "plan.h5", feed_forward_of(serial(arm()))
     write_plan(
         path,
@@ -164,7 +164,8 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
 def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
     """Its largest signal is the largest peak of the plan; the panels show it whole, with limits on both sides."""
     plan, limit_use, _ = within(CARRIERS[0])
-    run = nearest_run(SimulatedRig(arm(), experiment(CARRIERS[0]), plan, 1), limit_use.nearest)
+    rig = SimulatedRig(arm(), experiment(CARRIERS[0]), plan, 1)
+    run = rig.rehearse(next(run for run in rig.experiments if run.name == limit_use.nearest))
     used = np.abs(run.signals).max(axis=1) / limit_use.limit[0, :4]
     assert used.max() == pytest.approx(limit_use.used.max(), rel=1e-9)
     panels = np.reshape(nearest_run_signals(run, limit_use, plan).axes, (2, 4))

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
+from elastid.model.closed_posture import followed
 from elastid.model.formulation import formulate, serial
-from elastid.model.kinematics import frame_poses, link_angles, skeleton, stick_figure, tool_jacobian
+from elastid.model.kinematics import frame_poses, skeleton, stick_figure, tool_jacobian
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import (
@@ -76,7 +77,7 @@ def test_heights_of_the_centres_of_mass_are_the_potential_of_the_model() -> None
         return 9.81 * float(np.dot(masses, heights))
 
     for angles in rng.uniform(-2, 2, (3, 3)):
-        gradient = model.potential_gradient(link_angles(OBLIQUE, angles[None])[0], model.theta).full()[:, 0]
+        gradient = model.potential_gradient(followed(OBLIQUE, angles[None])[0], model.theta).full()[:, 0]
         for i, joint in enumerate(OBLIQUE.driven):
             step = 1e-5 * np.eye(3)[i]
             slope = (potential(angles + step) - potential(angles - step)) / 2e-5

@@ -1,4 +1,4 @@
-r"""The plan of a friction study: passes there and back, one joint at a time, and the contract of its rigs.
+r"""The plan of a friction study: passes there and back, one joint at a time.
 
 A pass moves from q_a to q_b at a constant speed v and back. Between the ramps it needs the time in which the joint
 breaks away and the loop settles, and a plateau that covers a turn of the motor, whose ripple would else be taken for
@@ -20,14 +20,13 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
-from elastid.record import Configuration, FrictionRecord, Purpose, WarmUpLog
+from elastid.record import Configuration, Purpose
 
 SHORTEST_S = 0.3  # of a plateau
 PAUSE_S = 0.5  # at rest between there and back
@@ -248,17 +247,3 @@ class FrictionPlan:
     known: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()
-
-
-class FrictionRig(Protocol):
-    """Something that can be measured, one motion at a time, in any order and in any process (it pickles)."""
-
-    @property
-    def motions(self) -> tuple[PlannedMotion, ...]:
-        """All motions that it can run."""
-
-    def measure(self, motion: PlannedMotion) -> FrictionRecord:
-        """Run one motion; the same motion gives the same record, bit for bit."""
-
-    def warm_ups(self) -> tuple[WarmUpLog, ...]:
-        """The logs of warm-ups, one a joint that was warmed."""

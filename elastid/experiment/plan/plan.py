@@ -279,20 +279,11 @@ def make_plan(
             excitation, experiment, robot, lines.excited, choice.configuration, draws, spectrum, closed_loop
         )
         R[q, : len(draws)] = every[:, :E]
-    return Plan(
-        configurations=tuple(choice.configuration for choice in everyone),
-        inputs=robot.motor_locations,
-        rate_hz=excitation.rate_hz,
-        period_samples=excitation.period_samples,
-        periods=experiment.periods,
-        transient_periods=experiment.transient_periods,
-        lines=lines.excited,
-        R=R,
-        detection=lines.detection,
-        ramp_samples=round(experiment.ramp * excitation.rate_hz),
-        hold_samples=round(experiment.hold * excitation.rate_hz),
-        sliding=robot.sliding(robot.motor_locations),
-    )
+    configurations, inputs = tuple(choice.configuration for choice in everyone), robot.motor_locations
+    timing = excitation.rate_hz, excitation.period_samples, experiment.periods, experiment.transient_periods
+    ramp, hold = (round(time_s * excitation.rate_hz) for time_s in (experiment.ramp, experiment.hold))
+    signal = lines.excited, R, lines.detection
+    return Plan(configurations, inputs, *timing, *signal, ramp, hold, robot.sliding(inputs))
 
 
 class Rig(Protocol):

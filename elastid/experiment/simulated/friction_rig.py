@@ -308,15 +308,9 @@ class SimulatedFrictionRig:
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
         readings = heat.temperature[places] + std * rng.standard_normal(len(places))
-        return WarmUpLog(
-            warm_up.joint,
-            heat.time_s[places],
-            heat.power[places[:-1]],
-            readings,
-            spec.thermometer_std or 0.0,
-            spec.ambient,
-            float(heat.temperature[places[0]]),
-        )
+        signals = heat.time_s[places], heat.power[places[:-1]], readings
+        start_degc = float(heat.temperature[places[0]])
+        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, start_degc)
 
 
 def _torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[Note, ...]:

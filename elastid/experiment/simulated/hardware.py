@@ -168,13 +168,9 @@ def drives(
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
     lags = [Lag(element.coefficients, T) for element in torque_elements(robot.chain) if T is not None]
-    return Drives(
-        resolution,
-        limit,
-        tuple(_ripple(spec, spec.amplitude / np.abs(ratio), ratio) for spec in encoder_ripple),
-        tuple(_ripple(spec, spec.amplitude * np.abs(ratio), ratio) for spec in torque_ripple),
-        lags[0] if lags else None,
-    )
+    of_encoders = tuple(_ripple(spec, spec.amplitude / np.abs(ratio), ratio) for spec in encoder_ripple)
+    of_torques = tuple(_ripple(spec, spec.amplitude * np.abs(ratio), ratio) for spec in torque_ripple)
+    return Drives(resolution, limit, of_encoders, of_torques, lags[0] if lags else None)
 
 
 def _ripple(spec: EncoderRippleSpec | TorqueRippleSpec, amplitude: FloatArray, ratio: FloatArray) -> Ripple:

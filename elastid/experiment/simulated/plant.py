@@ -145,7 +145,7 @@ def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> 
 def _closed_loop_response(
     robot: Robot, controller: ControllerSpec, rate_hz: float, configuration: Configuration, freq_hz: FloatArray
 ) -> ClosedLoopResponse:
-    linearisation = _linearisation(robot)
+    linearisation = Linearisation.of_robot(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
     linear = replace(linear, chain=torque_elements(robot.chain), gains=())  # the controller reads motions as they are
@@ -160,11 +160,6 @@ def _closed_loop_response(
     torque = np.linalg.inv(np.eye(model.n_u) + F @ P)
     position = P @ torque
     return ClosedLoopResponse(torque, position, s * position, s**2 * position)
-
-
-@lru_cache(maxsize=4)
-def _linearisation(robot: Robot) -> Linearisation:
-    return Linearisation.of(model_of(robot))
 
 
 def feed_forward_of(model: ElasticModel) -> FeedForward:

@@ -149,23 +149,14 @@ class SimulatedRig:
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
-        return Record(
-            name=experiment.name,
-            configuration=experiment.configuration,
-            realisation=experiment.realisation,
-            experiment=experiment.experiment,
-            rate_hz=plan.rate_hz,
-            period_samples=plan.period_samples,
-            inputs=plan.inputs,
-            outputs=self.outputs,
-            quantities=tuple(logged_quantity(place) for place in self.outputs),
-            u=u[measured] * [robot.chain.gain("u", place) for place in plan.inputs],
-            y=y[measured] * [robot.chain.gain("y", place) for place in self.outputs],
-            r=np.tile(plan.torque(experiment), (plan.periods, 1)),
-            notes=notes,
-            hold="zero-order",
-            sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
-        )
+        u = u[measured] * [robot.chain.gain("u", place) for place in plan.inputs]
+        y = y[measured] * [robot.chain.gain("y", place) for place in self.outputs]
+        r = np.tile(plan.torque(experiment), (plan.periods, 1))
+        names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
+        timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
+        quantities = tuple(logged_quantity(place) for place in self.outputs)
+        sliding = self.robot.sliding((*plan.inputs, *self.outputs))
+        return Record(*names, *timing, *places, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding)
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
         """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.

@@ -272,7 +272,6 @@ class ResponseFileSpec:
     response: Annotated[str, Key("Name of the response in the file: variable of a MATLAB file, configuration of a "
         "frf.h5 of elastid (default: the only one; of frf.h5 the configuration of the same name).", "where a file "
         "holds several; the error lists the names that there are.")] = ""
-    # fmt: on
 
 
 @section

@@ -111,7 +111,6 @@ class Kernel:
     wanted: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Check the names."""
         for name in self.wanted:
             if name not in self.model.parameters:
                 raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
@@ -243,7 +242,7 @@ class Kernel:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
-        right = self._right_sides(C, T) if self.moved_outputs else self._fixed_sides
+        right = np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
         gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
@@ -310,14 +309,6 @@ class Kernel:
         slope_of = np.array(stacked).reshape(len(places), 3 * n * n)
         moved = np.flatnonzero(slope_of.any(axis=0))
         return np.array(places, np.int64), moved, slope_of[:, moved]
-
-    def _right_sides(self, C: FloatArray, T: FloatArray) -> FloatArray:
-        """[B, extra rows of C, tilted rows of T]."""
-        return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
-
-    @cached_property
-    def _fixed_sides(self) -> FloatArray:
-        return self._right_sides(self.model.C, self.model.tilt)
 
     @cached_property
     def _sides(self) -> Sides:

@@ -206,14 +206,6 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
     """The response as a value like a measured one; arguments as `frequency_response`."""
-    G = frequency_response(model, theta, freq_hz)
-    return FrequencyResponse(
-        np.atleast_1d(freq_hz),
-        G,
-        model.inputs,
-        model.outputs,
-        model.quantity,
-        model.configuration,
-        sliding=model.sliding,
-        hold=model.hold,
-    )
+    G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
+    places = model.inputs, model.outputs, model.quantity, model.configuration
+    return FrequencyResponse(lines, G, *places, sliding=model.sliding, hold=model.hold)

@@ -13,7 +13,8 @@ from elastid.base.arrays import FloatArray
 from elastid.design.forecast import QUANTITIES, UNITS, Forecast, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
-from elastid.model.kinematics import StickKind, link_angles, stick_figure
+from elastid.model.closed_posture import followed
+from elastid.model.kinematics import StickKind, stick_figure
 from elastid.record import Configuration
 from elastid.report.figures import style
 from elastid.robot import Robot
@@ -60,7 +61,7 @@ def _in_bands(freq_hz: FloatArray, share: FloatArray, edges: FloatArray) -> Floa
 def configuration_sketches(robot: Robot, configurations: Sequence[Configuration], captions: Sequence[str]) -> Figure:
     """The robot as a stick figure in each configuration, all to one scale; a caption below each name."""
     angles = np.stack([configuration.angles for configuration in configurations])
-    sketches = [stick_figure(robot, q) for q in link_angles(robot, angles)]
+    sketches = [stick_figure(robot, q) for q in followed(robot, angles)]
     up = int(np.argmax(np.abs(robot.gravity))) if any(robot.gravity) else 2
     upwards = -np.sign(robot.gravity[up]) or 1.0
     order = [(up + 1) % 3, (up + 2) % 3, up]

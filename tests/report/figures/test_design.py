@@ -13,7 +13,8 @@ from elastid.design.forecast import Forecast
 from elastid.design.limits import QUANTITIES, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Experiment
-from elastid.model.kinematics import link_angles, stick_figure
+from elastid.model.closed_posture import followed
+from elastid.model.kinematics import stick_figure
 from elastid.record import Configuration
 from elastid.report.figures.design import (
     configuration_sketches,
@@ -66,7 +67,7 @@ def test_a_robot_is_sketched_with_gravity_pointing_down(gravity):
     (axes,) = configuration_sketches(robot, [configuration], ["two realisations"]).axes
     (dots,) = [line for line in axes.get_lines() if line.get_marker() == "o"]
     heights = np.asarray(dots.get_data_3d()[2])
-    expected = stick_figure(robot, link_angles(robot, np.array([ANGLES]))[0])
+    expected = stick_figure(robot, followed(robot, np.array([ANGLES]))[0])
     sign = -np.sign(gravity[2])
     np.testing.assert_allclose(heights, sign * expected.points[list(expected.joints), 2])
     assert axes.get_title() == "reach\ntwo realisations"
