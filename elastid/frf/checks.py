@@ -104,7 +104,7 @@ def refuse_few(records: Sequence[Record], groups: Sequence[Sequence[Record]], me
 
 
 def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
-    """Flags (F,) of lines with separate inputs, in each realisation if it gives a response; DataError without any."""
+    """Flags (F,) of lines with separate inputs, in each realisation if averaged, else in all; DataError without any."""
     if method in AVERAGED:
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
     return _separated(data.every, groups[0])

@@ -17,7 +17,7 @@ where K_e independent segments would tell as much as the K that overlap (Welch, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.fft import rfft
@@ -203,9 +203,10 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     )
     notes.append(Note("segments", text, severity="information"))
     notes += _notes(freq_hz, G, covariance, quality, first)
-    estimated = {"noise": covariance, "total": covariance, "quality": quality, "notes": tuple(notes)}
-    extent = segments.correlated_lines
-    return measured_response(first, spec.quantity, freq_hz, G, **estimated, correlated_lines=extent)
+    response = measured_response(
+        first, spec.quantity, freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
+    )
+    return replace(response, correlated_lines=segments.correlated_lines)
 
 
 def _response(data: CrossSpectra, method: str) -> ComplexArray:

@@ -140,10 +140,12 @@ def local_response(
     notes.append(Note("local-method", text, severity="information"))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
     quality = local_quality(freq_hz, of_lines, spectra, window_power(R, where)[usable])
+    response = measured_response(
+        first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
+    )
     # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
-    together = max(1.0, 4 / 9 * where.index.shape[1] / _step(spec, first))
-    estimated = {"noise": of_lines.noise, "total": total, "quality": quality, "notes": tuple(notes)}
-    return measured_response(first, spec.quantity, freq_hz, G, **estimated, correlated_lines=together)
+    together = 4 / 9 * where.index.shape[1] / _step(spec, first)
+    return replace(response, correlated_lines=max(1.0, together))
 
 
 def _richer_models(
