@@ -22,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
-from elastid.frf.lines import MIN_SNR, described_lines, smoothed_noise
+from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, squared_magnitude
 from elastid.frf.methods import AVERAGED
 from elastid.record import MOTION_ORDER, Record
@@ -107,10 +107,7 @@ def refuse_few(records: Sequence[Record], groups: Sequence[Sequence[Record]], me
 
 
 def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
-    """Flags (F,) of the lines with separate inputs: in every realisation if each gives a response, else in all of them.
-
-    Raises DataError where there is no such line.
-    """
+    """Flags (F,) of lines with separate inputs, in each realisation if averaged, else in all; DataError without any."""
     if method in AVERAGED:
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
     return _separated(data.every, groups[0])
@@ -144,15 +141,6 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
             "check for a file listed twice, an input that was not excited, and equal phases in all experiments"
         )
     return separated
-
-
-def left_out_note(lines: IntArray, record: Record) -> Note:
-    """A note on the lines (F,) without separate inputs."""
-    text = (
-        f"lines {described_lines(lines, record)} are left out: some combination of the inputs is less than 6 dB above "
-        "its noise there, so that outputs cannot be traced to inputs"
-    )
-    return Note("lines-left-out", text)
 
 
 def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
@@ -204,11 +192,9 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     from scipy.optimize import linear_sum_assignment  # slow to load, for the few responses that look exchanged
 
     _, best = linear_sum_assignment(-Lambda)
-    on_best, on_own = Lambda[np.arange(len(places)), best], np.diag(Lambda)
-    moved = best != np.arange(len(places))
-    if not moved.any() or on_best[moved].min() < LIMITS.relative_gain:
-        return {}
-    if np.mean(on_best[moved] - on_own[moved]) < LIMITS.mean_gain:
+    on_best, moved = Lambda[np.arange(len(places)), best], best != np.arange(len(places))
+    gain = (on_best - np.diag(Lambda))[moved]
+    if not moved.any() or on_best[moved].min() < LIMITS.relative_gain or np.mean(gain) < LIMITS.mean_gain:
         return {}
     return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
 

@@ -12,14 +12,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.frf.checks import (
-    channel_notes,
-    left_out_note,
-    refuse_few,
-    refuse_mismatch,
-    same_phases_notes,
-    separated_lines,
-)
+from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
@@ -186,7 +179,11 @@ def _with_period(
         error = total_error(data, fitted)
     notes = [*reason, *(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
-        notes.append(left_out_note(lines[~usable], first))
+        text = (
+            f"lines {described_lines(lines[~usable], first)} are left out: some combination of the inputs is less than "
+            "6 dB above its noise there, so that outputs cannot be traced to inputs"
+        )
+        notes.append(Note("lines-left-out", text))
     notes += same_phases_notes(data.blocks, groups)
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)

@@ -24,6 +24,8 @@ from elastid.frf.spectra import (
 )
 
 BATCH = 8  # of `scatter.c`
+# Periods of a large record are compared in so many values: 32 MB.
+_MAX_COMPARED_VALUES = 1 << 21
 
 
 class FullSum:
@@ -110,10 +112,6 @@ def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> C
         n += p
     sums.dof += n - 1
     return mean * sums.scale
-
-
-# Periods of a large record are compared in so many values: 32 MB.
-_MAX_COMPARED_VALUES = 1 << 21
 
 
 @dataclass(frozen=True)

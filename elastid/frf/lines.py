@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,9 +19,10 @@ MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
 
 
 def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
-    """Of each record; with its driver, in which the excited lines are found, where they are not stated or planned."""
+    """Of each record; with its driver, in which lines that are not stated or planned are found, unless it is large."""
     known = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
-    return [RecordSpectra(record) if known else RecordSpectra(record).with_driver() for record in records]
+    every = [RecordSpectra(record) for record in records]
+    return [each if known or each.is_large else replace(each, driver=each.dft(each.driver_role)) for each in every]
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:

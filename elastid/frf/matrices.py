@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import TypeAlias
 
@@ -37,11 +37,6 @@ def power(A: ComplexArray) -> FloatArray:
     return np.asarray(np.maximum(np.einsum("fii->fi", A).real, 0.0))
 
 
-def added(terms: Iterable[ComplexArray]) -> ComplexArray:
-    """The sum of the terms, two of them in memory at a time."""
-    return reduce(np.add, terms)
-
-
 def in_parts(F: int, of_lines: Callable[[slice], ComplexArray]) -> ComplexArray:
     """The values (F, ...) of a function of lines, some lines at a time: what it needs meanwhile stays in the cache."""
     first = of_lines(slice(0, LINES_AT_ONCE))
@@ -59,15 +54,16 @@ def added_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
     if is_compiled():
         return _sum_of_products(A, [transposed(b) for b in B], -1)
-    return in_parts(len(A[0]), lambda part: added(_cut(a, part) @ _cut(b, part) for a, b in zip(A, B, strict=True)))
+    pairs = list(zip(A, B, strict=True))
+    return in_parts(len(A[0]), lambda part: reduce(np.add, (_cut(a, part) @ _cut(b, part) for a, b in pairs)))
 
 
 def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
     """Sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
     if is_compiled():
         return _sum_of_products(A, B, 1)
-    F = len(A[0])
-    return in_parts(F, lambda part: added(_cut(a, part) @ adjoint(_cut(b, part)) for a, b in zip(A, B, strict=True)))
+    pairs = list(zip(A, B, strict=True))
+    return in_parts(len(A[0]), lambda part: reduce(np.add, (_cut(a, part) @ adjoint(_cut(b, part)) for a, b in pairs)))
 
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
@@ -77,7 +73,7 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
         def of_lines(part: slice) -> ComplexArray:
             D = (y[part] - G[part] @ _cut(u, part) for y, u in zip(Y, U, strict=True))
-            return added(error @ adjoint(error) for error in D)
+            return reduce(np.add, (error @ adjoint(error) for error in D))
 
         return in_parts(F, of_lines)
     total = np.empty((F, n, n), np.complex128)

@@ -74,16 +74,6 @@ class Peak:
         return self.damping - QUANTILE_95 * self.damping_std, self.damping + QUANTILE_95 * self.damping_std
 
 
-@dataclass(frozen=True)
-class _Pole:
-    """z in rad/s, its variance E|dz|^2, the number of lines, and the misfit."""
-
-    z: complex
-    variance: float
-    lines: int
-    misfit: float
-
-
 def peaks(response: FrequencyResponse) -> tuple[Peak, ...]:
     """The resonances of a response by frequency; none where its lines are too few or its peaks too flat."""
     power = _power(response.G)
@@ -93,9 +83,7 @@ def peaks(response: FrequencyResponse) -> tuple[Peak, ...]:
     borders = [0, *((a + b) // 2 for a, b in pairwise(tops.tolist())), response.n_lines - 1]
     resonances: dict[float, Peak] = {}
     for top, low, high in zip(tops.tolist(), borders[:-1], borders[1:], strict=True):
-        pole = _pole(response, top, low, high)
-        if pole is not None:
-            peak = _peak(response, pole, top)
+        if (peak := _peak(response, top, low, high)) is not None:
             resonances[peak.freq_hz] = peak
     return tuple(resonances[freq_hz] for freq_hz in sorted(resonances))
 
@@ -107,11 +95,10 @@ def _power(G: ComplexArray) -> FloatArray:
     return np.asarray(np.sum(power / np.where(middle > 0, middle, 1.0), axis=(1, 2))) + np.finfo(float).tiny
 
 
-def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole | None:
-    """The pole of a peak from lines low to high at most; None where the lines do not show one."""
-    f = response.freq_hz
-    width = _half_power_width(f, _power(response.G), top)
-    pole = None
+def _peak(response: FrequencyResponse, top: int, low: int, high: int) -> Peak | None:
+    """The peak by lines low to high at most, each part of its pole with half the variance; None where there is none."""
+    f, G = response.freq_hz, response.G
+    width, found = _half_power_width(f, _power(G), top), None
     for _ in range(2):
         half, least = LIMITS.half_window * width, LIMITS.lines_to_either_side
         first = max(low, min(top - least, int(np.searchsorted(f, f[top] - half))))
@@ -119,19 +106,32 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
         window = np.arange(first, last + 1)
         if len(window) < LIMITS.lines:
             return None
-        pole = _fitted(response, window, f[top], width)
-        if pole is None:
+        found = _pole(response, window, f[top], width)
+        if found is None:
             return None
-        width = pole.z.imag / np.pi  # the half-power width 2 zeta f
-    assert pole is not None
-    damping, std = pole.z.imag / abs(pole.z), np.sqrt(pole.variance / 2) / abs(pole.z)
+        width = found[0].imag / np.pi  # the half-power width 2 zeta f
+    assert found is not None
+    z, variance, misfit = found
+    size, std = abs(z), np.sqrt(variance / 2)
     if response.uncertainty is not None:
         # Far above the noise in some element: neighbouring lines may share theirs, which has bumps.
-        power = np.mean(np.abs(response.G[window]) ** 2, axis=0)
+        power = np.mean(np.abs(G[window]) ** 2, axis=0)
         if not np.any(power > LIMITS.snr * np.mean(response.uncertainty.variance[window], axis=0)):
             return None
-    inside = f[window[0]] <= abs(pole.z) / (2 * np.pi) <= f[window[-1]]
-    return pole if inside and LIMITS.significance * std < damping < LIMITS.damping else None
+    inside = f[window[0]] <= size / (2 * np.pi) <= f[window[-1]]
+    if not inside or not LIMITS.significance * (std / size) < z.imag / size < LIMITS.damping:
+        return None
+    row, column = np.unravel_index(int(np.argmax(np.abs(G[top]))), G[top].shape)
+    return Peak(
+        freq_hz=float(size / (2 * np.pi)),
+        freq_std=float(std / (2 * np.pi)),
+        damping=float(z.imag / size),
+        damping_std=float(std / size),
+        output=response.outputs[int(row)],
+        input=response.inputs[int(column)],
+        lines=len(window),
+        misfit=misfit,
+    )
 
 
 def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
@@ -144,8 +144,13 @@ def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
     return float(last - first) / 2
 
 
-def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width: float) -> _Pole | None:
-    """The pole that all elements share on a window of lines, by Gauss-Newton from a peak and its half-power width."""
+def _pole(
+    response: FrequencyResponse, window: IntArray, freq_hz: float, width: float
+) -> tuple[complex, float, float] | None:
+    """The pole in rad/s that all elements share on a window of lines, its variance E|dz|^2, and the misfit.
+
+    By Gauss-Newton from a peak and its half-power width; None where it is lost.
+    """
     K, uncertainty = len(window), response.uncertainty
     G = response.G[window].reshape(K, -1)
     variance = None if uncertainty is None else _smooth(uncertainty, window, np.abs(G) ** 2)
@@ -191,7 +196,7 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
     share = np.sum(np.abs(slopes) ** 2, axis=0) / power
     scattered = float(np.sum(by_line / np.maximum(1 - share, LIMITS.free_share))) / power**2
     variance_of_z = float(max(stated, scattered) * scale**2)
-    return _Pole(center + scale * z, variance_of_z, K, float(np.sqrt(misfit)) if known else np.nan)
+    return center + scale * z, variance_of_z, float(np.sqrt(misfit)) if known else np.nan
 
 
 def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> FloatArray:
@@ -229,19 +234,3 @@ def _projected(
     residuals = data - inside
     free = 1 - np.sum(np.abs(Q) ** 2, axis=2, keepdims=True)
     return float(np.vdot(residuals, residuals).real), residuals, slopes, free
-
-
-def _peak(response: FrequencyResponse, pole: _Pole, top: int) -> Peak:
-    """A pole as frequency and damping; both real components carry half of its variance."""
-    size, std = abs(pole.z), np.sqrt(pole.variance / 2)
-    row, column = np.unravel_index(int(np.argmax(np.abs(response.G[top]))), response.G[top].shape)
-    return Peak(
-        freq_hz=float(size / (2 * np.pi)),
-        freq_std=float(std / (2 * np.pi)),
-        damping=float(pole.z.imag / size),
-        damping_std=float(std / size),
-        output=response.outputs[int(row)],
-        input=response.inputs[int(column)],
-        lines=pole.lines,
-        misfit=pole.misfit,
-    )

@@ -53,6 +53,7 @@ class Limits:
 
 
 LIMITS = Limits()
+TRANSIENT_LEFT_OUT = "transient-left-out"
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,7 @@ class TotalError:
 
     def at_every(self, step: int) -> TotalError:
         """The same at every step-th of the excited lines."""
-        taken = np.zeros(len(self.lines), dtype=np.bool_)
-        taken[::step] = True
-        of_G = taken[self.lines]
+        of_G = (np.arange(len(self.lines)) % step == 0)[self.lines]
         return TotalError(self.G[of_G], self.variance[of_G], self.lines[::step])
 
 
@@ -84,9 +83,6 @@ def is_negligible(spectra: PeriodSpectra, leading: int, total: TotalError) -> bo
         np.array([part.sum(axis=0) for part in np.array_split(x, groups)]) for x in (np.abs(dV) ** 2, total.variance)
     )
     return bool(np.all(error <= LIMITS.relative_error**2 * variance))
-
-
-TRANSIENT_LEFT_OUT = "transient-left-out"
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,7 @@ LIMITS = Limits()
 def measured_response(
     first: Record, quantity: Motion, freq_hz: FloatArray, G: ComplexArray, **estimated: Any
 ) -> FrequencyResponse:
-    """G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`; first: of records that agree in all but their signals.
-
-    estimated: further fields of the response.
-    """
+    """G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first; estimated: further fields."""
     return FrequencyResponse(
         freq_hz=freq_hz,
         G=G,
@@ -142,28 +139,18 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
         if weak[:, i].mean() > LIMITS.weak_share
     ]
     if np.median(quality.condition) > LIMITS.condition:
-        notes.append(
-            Note(
-                "inputs-move-together",
-                "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, "
-                f"is {np.median(quality.condition):.3g} at the median line (1 is best); take orthogonal experiments",
-            )
+        text = (
+            "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, "
+            f"is {np.median(quality.condition):.3g} at the median line (1 is best); take orthogonal experiments"
         )
+        notes.append(Note("inputs-move-together", text))
     return notes
 
 
-@dataclass(frozen=True)
-class LocalModes:
-    """Peaks of a response at freq_hz (n,) with bandwidth_hz (n,), their width at half power."""
+def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Peaks of the Frobenius norm of G (F, n_y, n_u): frequencies (n,) and widths at half power (n,), Hz.
 
-    freq_hz: FloatArray
-    bandwidth_hz: FloatArray
-
-
-def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> LocalModes:
-    """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
-
-    Peaks that do not stand out of the variance of G by 16 dB are ignored.
+    Those that fall to half power on both sides before they rise again and stand out of the variance of G by 16 dB.
     """
     power = np.sum(np.abs(G) ** 2, axis=(1, 2))
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
@@ -175,37 +162,33 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> L
         if below is not None and above is not None:
             modes.append((freq_hz[peak], above - below))
     f_0, width = np.array(modes).reshape(-1, 2).T
-    return LocalModes(f_0, width)
+    return f_0, width
 
 
-def wide_windows(modes: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
+def wide_windows(
+    modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, span_hz: FloatArray, poles: int
+) -> list[Note]:
     """A note on modes for which windows of span_hz (F,) at freq_hz are too wide; poles: degree d, 0 for polynomials."""
-    span = np.interp(modes.freq_hz, freq_hz, span_hz)
-    if poles == 0:
-        wide = np.flatnonzero(span > modes.bandwidth_hz)
-        if wide.size == 0:
-            return []
-        worst = wide[np.argmax(span[wide] / modes.bandwidth_hz[wide])]
-        return [
-            Note(
-                "wide-windows",
-                f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz "
-                f"at {modes.freq_hz[worst]:.4g} Hz, where the mode is {modes.bandwidth_hz[worst]:.3g} Hz wide; its "
-                "peak may be flattened: take method local_rational, a longer period or record, or more experiments",
-            )
-        ]
-    inside = np.array([np.sum(np.abs(modes.freq_hz - f) <= s / 2) for f, s in zip(modes.freq_hz, span, strict=True)])
-    crowded = np.flatnonzero(inside > poles)
-    if crowded.size == 0:
+    f_0, width = modes
+    span = np.interp(f_0, freq_hz, span_hz)
+    inside = np.array([np.sum(np.abs(f_0 - f) <= s / 2) for f, s in zip(f_0, span, strict=True)])
+    load, is_beyond = (inside, inside > poles) if poles else (span / width, span > width)
+    beyond = np.flatnonzero(is_beyond)
+    if beyond.size == 0:
         return []
-    worst = crowded[np.argmax(inside[crowded])]
-    return [
-        Note(
-            "crowded-window",
-            f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {modes.freq_hz[worst]:.4g} Hz, which has "
-            f"poles for {poles}; take a longer period or record, more experiments or a higher local_order",
+    worst = beyond[np.argmax(load[beyond])]
+    if poles == 0:
+        text = (
+            f"the windows are wider than the bandwidth of {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz "
+            f"at {f_0[worst]:.4g} Hz, where the mode is {width[worst]:.3g} Hz wide; its peak may be flattened: take "
+            "method local_rational, a longer period or record, or more experiments"
         )
-    ]
+        return [Note("wide-windows", text)]
+    text = (
+        f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, which has poles for "
+        f"{poles}; take a longer period or record, more experiments or a higher local_order"
+    )
+    return [Note("crowded-window", text)]
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:

@@ -43,10 +43,6 @@ class RecordSpectra:
         """The signal that excites: a slow carrier is in u but not in r."""
         return "u" if self.record.r is None else "r"
 
-    def with_driver(self) -> RecordSpectra:
-        """The same with the DFT of its driver, unless it is too large to be kept."""
-        return self if self.is_large else replace(self, driver=self.dft(self.driver_role))
-
     @property
     def is_large(self) -> bool:
         """True if the record is worked on in groups of periods."""

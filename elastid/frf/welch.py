@@ -187,16 +187,15 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
             "each with its own noise, or leave out the channel that was not excited"
         )
-    data = data.on(usable)
+    data, L = data.on(usable), len(segments.window)
     G = _response(data, spec.method)
-    freq_hz = line_frequencies(lines[usable], first.rate_hz, len(segments.window))
+    freq_hz = line_frequencies(lines[usable], first.rate_hz, L)
     covariance, C_V = _covariance(data, G)
     quality = _quality(freq_hz, data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
         notes.append(Note("lines-left-out", text))
-    L = len(segments.window)
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
         f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap 50 %: "
@@ -283,15 +282,15 @@ def _notes(freq_hz: FloatArray, G: ComplexArray, covariance: Covariance, quality
         return notes
     spacing = float(np.min(np.diff(freq_hz)))
     # Leakage is most of the variance at such a peak, which stands out of the noise by 10 dB.
-    modes = local_modes(freq_hz, G, covariance.variance / 4)
-    narrow = np.flatnonzero(modes.bandwidth_hz < 4.0 * spacing)
+    f_0, width = local_modes(freq_hz, G, covariance.variance / 4)
+    narrow = np.flatnonzero(width < 4.0 * spacing)
     if narrow.size:
-        worst = narrow[np.argmin(modes.bandwidth_hz[narrow])]
+        worst = narrow[np.argmin(width[narrow])]
         unit = "Hz" if first.rate_is_known else "of the sampling rate"
-        longer = 2 * 4.0 / modes.bandwidth_hz[worst]
+        longer = 2 * 4.0 / width[worst]
         text = (
-            f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(modes.freq_hz)} resonances, that at "
-            f"{modes.freq_hz[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the "
+            f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(f_0)} resonances, that at "
+            f"{f_0[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the "
             f"variance; take estimator.segment {longer:.3g} or more where the records allow it, or local_rational"
         )
         notes.append(Note("segment-too-short", text))

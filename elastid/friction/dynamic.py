@@ -16,6 +16,7 @@ it creeps under load; at v = 0 both have the derivative 0, which is that of the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -33,11 +34,7 @@ class Bristle:
     sigma_0: Expression
     sigma_1: Expression = 0.0
     inverse_v_d: Expression = 0.0
-
-    @property
-    def n_states(self) -> int:
-        """The mean deflection z of the bristles, rad."""
-        return 1
+    n_states: ClassVar[int] = 1  # the mean deflection z of the bristles, rad
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """sigma_0 z + sigma_1(v) dz/dt, and the parts that grow with v."""

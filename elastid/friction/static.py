@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import ClassVar, Protocol, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -123,11 +123,7 @@ class Tustin:
     """tau_f = g(v) tanh(v / v_s) + alpha_3 v |v|: Coulomb's law where F_s = F_c."""
 
     v_s: float = SLIDING_VELOCITY
-
-    @property
-    def n_states(self) -> int:
-        """None: the torque depends on v alone."""
-        return 0
+    n_states: ClassVar[int] = 0  # the torque depends on v alone
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """tau_f(v)."""

@@ -111,14 +111,9 @@ def _with_alternatives(
         covariance[np.ix_(own, own)] = of_own
         used[own] = True
     some = np.flatnonzero(used)
-    picked = some[some < len(candidates)]
-    choice = Choice(
-        shapes=tuple(shapes[i] for i in some),
-        motor_of=motor_of[some],
-        kept_share=left,
-        taken=np.searchsorted(some, taken),
-        covariance=covariance[np.ix_(some, some)],
-    )
+    picked, of_some = some[some < len(candidates)], tuple(shapes[i] for i in some)
+    places_of_taken = np.searchsorted(some, taken)
+    choice = Choice(of_some, motor_of[some], left, places_of_taken, covariance[np.ix_(some, some)])
     return choice, picked, rates[picked]
 
 
@@ -135,9 +130,8 @@ def _chosen_of_each(
 
 def _is_nonlinear(data: Sequence[ConfigurationSpectra]) -> BoolArray:
     """Flags (n_f,) of the shapes whose level distortion shows; others are a spring or a damper of the response."""
-    return np.asarray(
-        np.mean([configuration.nonlinear_share() for configuration in data], axis=0) > LIMITS.nonlinear_share
-    )
+    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
+    return np.asarray(share > LIMITS.nonlinear_share)
 
 
 def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]:
@@ -274,13 +268,9 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
         parts += [(choice.shapes[i], i in choice.taken, i) for i in rest]
     same = np.array([i for *_, i in parts], dtype=np.int64)
     covariance = np.where(np.outer(same >= 0, same >= 0), choice.covariance[np.ix_(same, same)], 0.0)
-    return Choice(
-        shapes=tuple(shape for shape, *_ in parts),
-        motor_of=np.array([places.index(shape.place) for shape, *_ in parts], dtype=np.int64),
-        kept_share=choice.kept_share,
-        taken=np.flatnonzero([is_taken for _, is_taken, _ in parts]),
-        covariance=covariance,
-    )
+    motor_of = np.array([places.index(shape.place) for shape, *_ in parts], dtype=np.int64)
+    taken = np.flatnonzero([is_taken for _, is_taken, _ in parts])
+    return Choice(tuple(shape for shape, *_ in parts), motor_of, choice.kept_share, taken, covariance)
 
 
 def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:

@@ -205,10 +205,7 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
-    """No friction, with the reason: a warning where the study asks for it by name.
-
-    No note where no motor moves the structure: `why` is empty then.
-    """
+    """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
     note = Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
@@ -230,10 +227,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
 def accelerance_of_lines(
     data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray, quantity: Quantity
 ) -> FloatArray:
-    """Acceleration per torque (n_m,) of each motor at the highest excited lines; never negative.
-
-    levels (n_f,): of the friction at motors motor_of (n_f,) that is taken out.
-    """
+    """Acceleration per torque (n_m,) without friction of levels (n_f,), at the highest excited lines; at least 0."""
     responses = []
     for configuration in data:
         friction = taken(levels, configuration.Phi, motor_of, configuration.U.shape[1])

@@ -111,18 +111,14 @@ def _moved_within(A: FloatArray, b: FloatArray, f: FloatArray, free: BoolArray) 
 
 
 def covariance(equations: NormalEquations, chosen: IntArray) -> FloatArray:
-    """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines.
-
-    0 of all shapes but those chosen (n,).
-    """
+    """Covariance (n_f, n_f) of the chosen levels (n,) by the residuals' scatter over experiments and lines; else 0."""
     n_f = equations.A.shape[1]
     C = np.zeros((n_f, n_f))
     if len(chosen):
         A = (equations.A.sum(axis=0) * equations.dof_share)[np.ix_(chosen, chosen)]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        C[np.ix_(chosen, chosen)] = (
-            0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size)
-        )
+        both = np.outer(size, size)
+        C[np.ix_(chosen, chosen)] = 0.5 * np.linalg.pinv(A / both, hermitian=True) / both
     return C
 
 

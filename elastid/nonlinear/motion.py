@@ -78,14 +78,8 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     velocity = np.zeros(len(fine_s), complex) if high is None else fine_s * high
     angle[: len(s)] += integrated(Y, s, order)
     velocity[: len(s)] += integrated(Y, s, order - 1)
-    return Motion(
-        _fine(velocity, n * cells, cells) + gain * record.rate_hz / n,
-        angle,
-        start,
-        gain,
-        _velocity_noise(Y, s, noise, n, order),
-        cells,
-    )
+    fine = _fine(velocity, n * cells, cells) + gain * record.rate_hz / n
+    return Motion(fine, angle, start, gain, _velocity_noise(Y, s, noise, n, order), cells)
 
 
 def whole_samples(record: Record) -> int:
@@ -135,10 +129,7 @@ def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
 
 
 def folded(X: ComplexArray, n: int) -> ComplexArray:
-    """DFT (n // 2 + 1,) of the samples of a signal whose DFT X, as of n samples, goes on above half the rate.
-
-    X (n cells // 2 + 1,), of an even number of cells in a sample.
-    """
+    """DFT (n // 2 + 1,) of the samples of a signal of DFT X (n cells // 2 + 1,), as of n samples; cells are even."""
     above = X[:-1].reshape(-1, n).sum(axis=0)
     below = np.concatenate([above[:1] - X[:1], above[:0:-1]]).conj()
     samples = (above + below)[: n // 2 + 1]

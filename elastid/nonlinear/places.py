@@ -46,12 +46,9 @@ def on_shafts(record: Record, E: FloatArray | None) -> Record:
     columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
         rest = [i for i in range(len(record.outputs)) if i not in columns]
-        return replace(
-            record,
-            y=record.y[:, rest],
-            outputs=tuple(record.outputs[i] for i in rest),
-            quantities=tuple(record.quantities[i] for i in rest),
-        )
+        outputs = tuple(record.outputs[i] for i in rest)
+        quantities = tuple(record.quantities[i] for i in rest)
+        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities)
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 

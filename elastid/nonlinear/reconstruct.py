@@ -72,7 +72,7 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     held = held_spectrum(record.u[:n, record.inputs.index(place)])
 
     def part_above(motion: Motion, cells: int) -> ComplexArray:
-        own = friction_spectrum(record, place, motion, friction)
+        own = spectrum(record, motion, friction.taken_shapes(place))
         torque = held[: n * cells // 2 + 1].copy()
         torque[: len(own)] -= own[: len(torque)]
         return np.asarray(accelerance * (torque * twice_above(len(torque), n, record.rate_hz)))
@@ -92,11 +92,6 @@ def shows_images(record: Record, place: str) -> bool:
     if images is None:
         return False
     return images.rates_hz[record.inputs.index(place)] > 0 and images.sampled[record.outputs.index(place)]
-
-
-def friction_spectrum(record: Record, place: str, motion: Motion, friction: FrictionTakenOut) -> ComplexArray:
-    """DFT (n cells // 2 + 1,), as of n samples, of the friction of a motor along its motion."""
-    return spectrum(record, motion, friction.taken_shapes(place))
 
 
 def held_spectrum(samples: FloatArray) -> ComplexArray:
@@ -127,8 +122,7 @@ def fixed_point(
     mapped = F(x)
     residual = mapped - x
     first = float(np.linalg.norm(residual))
-    of_mapped: list[ComplexArray] = []
-    of_residual: list[ComplexArray] = []
+    of_mapped, of_residual = list[ComplexArray](), list[ComplexArray]()
     for _ in range(limit - 1):
         if np.linalg.norm(residual) <= tolerance * first:
             break
@@ -162,11 +156,8 @@ def with_inertial_accelerance(
     Only of motors whose torque is held, with friction, where the regression is good.  execution: of the records.
     """
     accelerance = friction.accelerance.copy()
-    motors = [
-        m
-        for m, place in enumerate(friction.places)
-        if place in friction.taken_places() and accelerance[m] != 0 and shows_images(records[0], place)
-    ]
+    taken = [place for place in friction.taken_places() if shows_images(records[0], place)]
+    motors = [m for m, place in enumerate(friction.places) if place in taken and accelerance[m] != 0]
     work = partial(_equations, [friction.places[m] for m in motors], friction, highest_hz)
     # Six records give it to less than a percent.
     of_records = (execution or Execution()).ordered(work, records[:6]) if motors else []
@@ -192,7 +183,7 @@ def _equations(
     equations = []
     for place in places:
         torque = held_spectrum(record.u[:n, record.inputs.index(place)])
-        torque -= friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
+        torque -= spectrum(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
         s = laplace(len(torque), n, rate_hz)
         inertia = integrated(torque, s, 2)
         spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
@@ -216,10 +207,8 @@ def other_images(record: Record, place: str, torque: ComplexArray, friction: Fri
     accelerance = friction.accelerance[friction.places.index(place)]
     if accelerance == 0 or not shows_images(record, place):
         return np.zeros(n)
-    held = held_spectrum(as_held(torque, record, place))
-    return np.asarray(
-        irfft(folded(accelerance * ((torque - held) * twice_above(len(torque), n, record.rate_hz)), n), n)
-    )
+    above = (torque - held_spectrum(as_held(torque, record, place))) * twice_above(len(torque), n, record.rate_hz)
+    return np.asarray(irfft(folded(accelerance * above, n), n))
 
 
 def as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:

@@ -43,15 +43,8 @@ class FrictionTakenOut:
     def __post_init__(self) -> None:
         """Check the shapes."""
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
-        expected = {
-            "levels": (n_f,),
-            "covariance": (n_f, n_f),
-            "before": (C, n_m),
-            "after": (C, n_m),
-            "kept_share": (n_m,),
-            "accelerance": (n_m,),
-        }
-        for name, shape in expected.items():
+        expected = {"levels": (n_f,), "covariance": (n_f, n_f), "before": (C, n_m), "after": (C, n_m)}
+        for name, shape in (expected | dict.fromkeys(("kept_share", "accelerance"), (n_m,))).items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
 

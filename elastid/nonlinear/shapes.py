@@ -73,10 +73,7 @@ def amplitudes(
 
 
 def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
-    """DFT (n cells // 2 + 1,), as of n samples, of friction of some shapes of a motor, each with its level.
-
-    Over the whole periods of a record.
-    """
+    """DFT (n cells // 2 + 1,), as of the n samples of whole periods, of a motor's friction: shapes, their levels."""
     n = whole_samples(record)
     dft = np.zeros(n * motion.cells // 2 + 1, complex)
     for is_rate in (False, True):

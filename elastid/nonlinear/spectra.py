@@ -15,9 +15,9 @@ from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear.motion import Motion, motion_of
-from elastid.nonlinear.reconstruct import friction_spectrum, other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, amplitudes
+from elastid.nonlinear.shapes import Shape, amplitudes, spectrum
 from elastid.record import Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
@@ -143,14 +143,10 @@ def gather_configuration(
         for place, motion in motions.items():
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
             Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
+    freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
+    realisation = np.array([record.realisation for record in records])
     return ConfigurationSpectra(
-        lines=lines,
-        freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),
-        excited=is_excited,
-        U=np.stack(U, axis=2),
-        Y=np.stack(Y, axis=2),
-        Phi=np.stack(Phi, axis=2),
-        realisation=np.array([record.realisation for record in records]),
+        lines, freq_hz, is_excited, np.stack(U, axis=2), np.stack(Y, axis=2), np.stack(Phi, axis=2), realisation
     )
 
 
@@ -165,7 +161,7 @@ def _with_motions(
     motions = {place: sharp_motion(record, place, friction) for place in places}
     y = record.y.copy()
     for place, motion in motions.items():
-        torque = friction_spectrum(record, place, motion, friction)
+        torque = spectrum(record, motion, friction.taken_shapes(place))
         y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
     return RecordSpectra(replace(record, y=y)), motions
 

@@ -21,8 +21,9 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import as_held, friction_spectrum, other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import spectrum
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -128,7 +129,7 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     record = over_whole_periods(record)
     u, y = record.u.copy(), record.y.copy()
     for place in friction.taken_places():
-        torque = friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
+        torque = spectrum(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
         u[:, record.inputs.index(place)] -= as_held(torque, record, place)
         y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
     return replace(record, u=u, y=y)

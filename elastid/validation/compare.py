@@ -60,9 +60,8 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     fitted = [response for response in responses if response.configuration.name not in task.left_out]
     out = [response for response in responses if response.configuration.name in task.left_out]
     variant = task.variant
-    weights = variant.fit.weights
-    factors = _factors(weights.factors, [r.configuration.name for r in fitted])
-    spec = replace(variant.fit, weights=replace(weights, factors=factors))
+    weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
+    spec = replace(variant.fit, weights=replace(weights, factors=_factors(weights.factors, names)))
     try:
         result = fit_parameters(fitted, variant.robot, spec, model=variant.model)
         modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
@@ -92,20 +91,15 @@ def rank(
 
 
 def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
-    """A study's fit without the parameters that its own robot has and a variant lacks.
-
-    StudyError where none is left: an empty list would mean every stiffness.
-    """
+    """A study's fit without parameters that its own robot has and a variant lacks; StudyError where none is left."""
     variant_names, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
 
     def is_gone(key: str) -> bool:
-        key = key.partition(SEPARATOR)[0]
-        return bool(matching(key, known)) and (
-            key not in variant_names if key in known else not matching(key, variant_names)
-        )
+        is_left = key in variant_names if key in known else matching(key, variant_names)
+        return bool(matching(key, known)) and not is_left
 
-    left = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
-    if spec.parameters and not left:
+    left = {key: each for key, each in spec.parameters.items() if not is_gone(key.partition(SEPARATOR)[0])}
+    if spec.parameters and not left:  # an empty list would mean every stiffness
         raise StudyError(
             f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
             "stiffnesses of the gears"

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,33 +39,16 @@ from elastid.record import Record, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
 from elastid.simulation.closed_loop import Commands
-from elastid.simulation.controller import rigid_motion, rigid_path
+from elastid.simulation.controller import rigid_path
 from elastid.validation.replay import last_period, settled_periods, signals_of
 from elastid.validation.twin import DRY, ELASTICITY, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
-from elastid.validation.twin_run import (
-    LINK,
-    LONGEST_S,
-    MOTION,
-    TORQUE,
-    Drive,
-    SignalKind,
-    TwinPlant,
-    TwinRun,
-    TwinSignal,
-    twin_signal,
-)
+from elastid.validation.twin_run import LINK, LONGEST_S, MOTION, TORQUE, TwinPlant, TwinRun, TwinSignal, twin_signal
 
-
-@dataclass(frozen=True, eq=False)
-class ModelParts:
-    """Models of the motors' own motion in one configuration, each with its numbers (n_theta,).
-
-    whole: as fitted.  frictionless: without viscous friction.  rigid: without springs either.
-    """
-
-    whole: tuple[LinearModel, FloatArray]
-    frictionless: tuple[LinearModel, FloatArray]
-    rigid: tuple[LinearModel, FloatArray]
+# Models of the motors' own motion in one configuration, each with its numbers (n_theta,): as fitted, without viscous
+# friction, and without springs either.
+ModelParts: TypeAlias = tuple[
+    tuple[LinearModel, FloatArray], tuple[LinearModel, FloatArray], tuple[LinearModel, FloatArray]
+]
 
 
 def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
@@ -86,26 +70,21 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
     alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
     columns = [alone.inputs.index(place) for place in motors.inputs]
     alone = replace(alone, B=alone.B[:, columns], inputs=motors.inputs, hold=motors.hold)
-    return ModelParts(
-        (motors, theta), (motors, np.array([free[name] for name in model.parameters])), (alone, rigid_theta)
-    )
+    return (motors, theta), (motors, np.array([free[name] for name in model.parameters])), (alone, rigid_theta)
 
 
 def elastic_balances(
     record: Record, net: Record, parts: ModelParts, freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
-    """Of each motor in a record, at the lines freq_hz (F,); none where fewer than two periods are settled.
-
-    net: the record without the dry friction that was taken out.
-    """
+    """Of each motor at freq_hz (F,), none of fewer than two settled periods; net: the record less its dry friction."""
     if settled_periods(record, spec) < 2:
         return ()
-    motors, N = parts.whole[0], record.period_samples
+    (motors, _), N = parts[0], record.period_samples
     lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
     Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
-    modelled = (frequency_response(*part, freq_hz) for part in (parts.whole, parts.frictionless, parts.rigid))
+    modelled = (frequency_response(*part, freq_hz) for part in parts)
     torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
     full, frictionless, rigid = (signals_of(torque, lines, N) for torque in torques_of_models)
     measured, dry = signals_of(U, lines, N), signals_of(U - U_net, lines, N)
@@ -152,10 +131,9 @@ def elastic_runs(
 
 def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
     """Driven by the torque of the record, or by the reference of a rig."""
-    drive: Drive = "torque" if rig is None else "reference"
     held_hz = 0.2 * band_hz[0] if rig is None else 0.0
     seconds = record.period_samples / record.rate_hz
-    empty = TwinRun(record.name, drive, held_hz, seconds, record.rate_hz)
+    empty = TwinRun(record.name, "torque" if rig is None else "reference", held_hz, seconds, record.rate_hz)
     outcomes: list[Record | str] = []
     for robot in (twin.robot, without_friction(twin.robot)):
         try:
@@ -202,7 +180,7 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     commands = Commands(path, rate, driving, still, still)
     (start,) = rigid_path(model, q0, angles, position[:1])
     gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
-    moved = plant.moved_from(gains, commands, start, rigid_motion(model, start) @ velocity[0])
+    moved = plant.moved(gains, commands, velocity[0], start)
     y = sense(moved.q, moved.reading, model, q0, record.outputs, record.rate_hz, N)
     y = filter_motions(robot, y, record.rate_hz) * [robot.chain.gain("y", place) for place in record.outputs]
     u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
@@ -244,7 +222,6 @@ def _compared(
         signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], runs, rate_hz, edges))
     for i, place in enumerate(record.outputs):
         runs = (y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i])
-        kind: SignalKind = MOTION if place in record.inputs else LINK
         unit = motion_unit("position", place in record.sliding)
-        signals.append(twin_signal(kind, place, unit, runs, rate_hz, edges))
+        signals.append(twin_signal(MOTION if place in record.inputs else LINK, place, unit, runs, rate_hz, edges))
     return tuple(signals)

@@ -54,6 +54,8 @@ PART_OF = {
     "coulomb": DRY,
     "directions.coulomb": DRY,
 }
+# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+HELD_HZ = 0.5
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
@@ -83,10 +85,6 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     return torque_balance(
         f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
     )
-
-
-# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
-HELD_HZ = 0.5
 
 
 @frozen_value
@@ -171,14 +169,10 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])
     try:
-        free = TwinPlant.of(without_friction(robot), log.rate_hz, start)
-        full = TwinPlant.of(robot, log.rate_hz, start)
-    except StudyError as error:
-        return replace(empty, lost=str(error))
-    commands, gains = _commands(log, free, controller)
-    try:
+        free, full = (TwinPlant.of(each, log.rate_hz, start) for each in (without_friction(robot), robot))
+        commands, gains = _commands(log, free, controller)
         moved = full.moved(gains, commands, log.velocity[0])
-    except DataError as error:
+    except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
     without, lost = None, ""
     try:

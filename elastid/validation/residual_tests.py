@@ -20,14 +20,13 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Probability of a verdict against a true model.
 FALSE_ALARM = 0.01
+# The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
+NORMALITY_95 = 0.752
 LAGS = (1, 2, 3)
 
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
-    """L^-1 (F, m, m) of errors vec E, column-major; zero rows for elements of zero variance.
-
-    Element by element where the covariance is singular.
-    """
+    """L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
     C = noise.covariance
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     gain = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0)
@@ -118,10 +117,6 @@ def together(p: Sequence[float] | FloatArray) -> float:
     return chi_square_tail(-2 * sum(logarithms), 2 * len(logarithms)) if logarithms else math.nan
 
 
-# The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
-NORMALITY_95 = 0.752
-
-
 def sigma_of(measured: FrequencyResponse, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
     """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
 
@@ -142,10 +137,7 @@ def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[F
 
 
 def above_2sigma(measured: FrequencyResponse, sigma: FloatArray | None = None) -> BoolArray:
-    """Lines (F, n_y, n_u) of at least twice the measured uncertainty; without one, all that are not zero.
-
-    sigma (F, n_y, n_u): of `sigma_of`, where it is there already.
-    """
+    """Lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all that are not zero."""
     magnitude = np.abs(measured.G)
     sigma = sigma_of(measured)[0] if sigma is None else sigma
     return np.asarray((magnitude >= 2 * sigma) & (magnitude > 0))

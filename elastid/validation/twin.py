@@ -114,10 +114,7 @@ def torque_balance(
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
-    """Ends of bands of an octave each below the top of band_hz, and their lines in a DFT of n samples, upwards.
-
-    The lowest reaches down to the bottom of band_hz.
-    """
+    """Octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
     low, high = band_hz
     edges = [high]
     # Below four lines, those of the window, a band is that of a neighbour.

@@ -35,6 +35,9 @@ SignalKind: TypeAlias = Literal["torque", "motor angle", "link motion"]
 TORQUE: Final = "torque"
 MOTION: Final = "motor angle"
 LINK: Final = "link motion"
+_DRIVES = {"reference": "reference through its controller", "torque": "torque"}
+# Of a log this much is simulated at most.
+LONGEST_S = 30.0
 NO_CONTROLLER = (
     "No controller of these logs is declared, so that no reference is followed and their torque alone drives the model "
     "(a study of friction declares it in experiment.recorded.controller)."
@@ -195,9 +198,6 @@ def describe_run(run: TwinRun) -> str:
     )
 
 
-_DRIVES = {"reference": "reference through its controller", "torque": "torque"}
-
-
 def _spread(errors: Sequence[float]) -> str:
     """A share, or the range of several."""
     low, high = min(errors), max(errors)
@@ -207,10 +207,6 @@ def _spread(errors: Sequence[float]) -> str:
 def _without(errors: Sequence[float]) -> str:
     known = [error for error in errors if math.isfinite(error)]
     return f" (without friction {_spread(known)})" if known else ""
-
-
-# Of a log this much is simulated at most.
-LONGEST_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -236,10 +232,7 @@ class TwinPlant:
         resting = self.holding_gains(5.0)
         return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
-    def moved(self, gains: Gains, commands: Commands, velocity: FloatArray) -> Trajectory:
-        """The motion from rest of the springs, the motors at this velocity (n_u,); DataError where a motor is lost."""
-        return self.moved_from(gains, commands, self.point.q, rigid_motion(self.plant.model, self.point.q) @ velocity)
-
-    def moved_from(self, gains: Gains, commands: Commands, q: FloatArray, v: FloatArray) -> Trajectory:
-        """The motion from q, v (n_q,)."""
-        return simulate(self.plant.loop, gains, commands, q, v0=v)
+    def moved(self, gains: Gains, commands: Commands, velocity: FloatArray, q: FloatArray | None = None) -> Trajectory:
+        """From q (n_q,), or the rest of the springs, motors at this velocity (n_u,); DataError where one is lost."""
+        q = self.point.q if q is None else q
+        return simulate(self.plant.loop, gains, commands, q, v0=rigid_motion(self.plant.model, q) @ velocity)

@@ -7,7 +7,7 @@ from plants.three_mass import circular
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.frf import matrices
-from elastid.frf.matrices import added, adjoint, transposed
+from elastid.frf.matrices import adjoint, transposed
 
 # One line and incomplete batches, odd sizes, and many lines.
 SHAPES = [(1, 1, 1), (7, 2, 3), (37, 5, 4), (16, 3, 6), (300, 6, 6), (600, 7, 7)]
@@ -44,13 +44,13 @@ def test_sums_of_products_are_the_formulas(F: int, n: int, m: int, lines_are_las
     Y, U = ([laid_out(circular(rng, (F, rows, k)), lines_are_last) for k in (3, 7)] for rows in (n, m))
     G = laid_out(circular(rng, (F, n, m)), lines_are_last)
     D = [y - G @ u for y, u in zip(Y, U, strict=True)]
-    close(matrices.added_cross_products(Y, U), added(y @ adjoint(u) for y, u in zip(Y, U, strict=True)))
-    close(matrices.added_cross_products(Y, Y), added(y @ adjoint(y) for y in Y))
+    close(matrices.added_cross_products(Y, U), sum(y @ adjoint(u) for y, u in zip(Y, U, strict=True)))
+    close(matrices.added_cross_products(Y, Y), sum(y @ adjoint(y) for y in Y))
     close(
         matrices.added_products(Y, [transposed(u) for u in U]),
-        added(y @ transposed(u) for y, u in zip(Y, U, strict=True)),
+        sum(y @ transposed(u) for y, u in zip(Y, U, strict=True)),
     )
-    close(matrices.added_error_products(Y, G, U), added(d @ adjoint(d) for d in D))
+    close(matrices.added_error_products(Y, G, U), sum(d @ adjoint(d) for d in D))
 
 
 @pytest.mark.usefixtures("way")

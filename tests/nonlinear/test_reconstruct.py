@@ -11,9 +11,9 @@ import pytest
 
 from elastid.nonlinear import reconstruct as reversals
 from elastid.nonlinear.motion import Motion, folded, laplace, motion_of
-from elastid.nonlinear.reconstruct import fixed_point, friction_spectrum, sharp_motion, with_inertial_accelerance
+from elastid.nonlinear.reconstruct import fixed_point, sharp_motion, with_inertial_accelerance
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.shapes import Shape, spectrum
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Configuration, Record
 
@@ -82,7 +82,7 @@ def test_two_steps_on_fine_cells_end_where_repetition_does(monkeypatch: pytest.M
     def torque(steps: int) -> np.ndarray:
         monkeypatch.setattr(reversals, "_SHARP_STEPS", steps)
         motion = sharp_motion(record, "motor 1", friction)
-        return friction_spectrum(record, "motor 1", motion, friction)[: record.n_samples // 2 + 1]
+        return spectrum(record, motion, friction.taken_shapes("motor 1"))[: record.n_samples // 2 + 1]
 
     default = reversals._SHARP_STEPS
     end = torque(30)

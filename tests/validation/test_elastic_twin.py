@@ -9,7 +9,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import Configuration, Record
-from elastid.validation.elastic_twin import ModelParts, elastic_balances
+from elastid.validation.elastic_twin import elastic_balances
 from elastid.validation.twin import DRY, ELASTICITY, RIGID_BODY, VISCOUS
 
 RATE_HZ, N = 500.0, 1000
@@ -47,7 +47,7 @@ def test_parts_of_a_known_joint_have_their_torque() -> None:
                  periods(U), periods(Y))  # fmt: skip
     record = replace(net, u=(1 + DRY_SHARE) * net.u)
     theta = np.zeros(1)
-    parts = ModelParts((whole, theta), (frictionless, theta), (alone, theta))
+    parts = (whole, theta), (frictionless, theta), (alone, theta)
     (found,) = elastic_balances(record, net, parts, freq_hz, EstimatorSpec(transient_periods=1))
     assert found.parts == (RIGID_BODY, ELASTICITY, VISCOUS, DRY)
     velocity = Y / (2j * np.pi * freq_hz)

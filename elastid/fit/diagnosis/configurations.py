@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -51,6 +52,8 @@ class Limits:
 
 
 LIMITS = Limits()
+# The fits of two groups, x (n_x,) of each, and V of both together.
+_Split: TypeAlias = tuple[list[ElasticFit], list[FloatArray], float]
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
@@ -139,16 +142,6 @@ def measured(fit: ElasticFit) -> ElasticFit:
     return replace(fit, parts=tuple(part for part in fit.parts if part.n_residuals))
 
 
-@dataclass(frozen=True)
-class _Split:
-    """in_second (Q,): of the configurations.  first, second (n_x,): their parameters.  cost: V of both together."""
-
-    in_second: BoolArray
-    first: FloatArray
-    second: FloatArray
-    cost: float
-
-
 def find_two_groups(
     fit: ElasticFit,
     x: FloatArray,
@@ -169,12 +162,12 @@ def find_two_groups(
         split = _split(fit, x, alone)
     except FitError:
         return ()
-    if split is None or split.cost - noise_cost > (1 - LIMITS.removed_share) * (cost - noise_cost):
+    if split is None or split[2] - noise_cost > (1 - LIMITS.removed_share) * (cost - noise_cost):
         return ()
-    groups = _group(fit, ~split.in_second), _group(fit, split.in_second)
+    groups, ends, cost_apart = split
     first, second = ([part.configuration for part in group.parts] for group in groups)
     members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
-    left = f"fitted apart they leave V = {split.cost:.4g} instead of {cost:.4g}{_differences(fit, split)}"
+    left = f"fitted apart they leave V = {cost_apart:.4g} instead of {cost:.4g}{_differences(groups, ends)}"
     return (Note("two-groups", f"{members}: {left}; {_advice(first, second, robots)}"),)
 
 
@@ -196,9 +189,10 @@ def _split(fit: ElasticFit, x: FloatArray, costs: FloatArray) -> _Split | None:
     for _ in range(LIMITS.rounds):
         if in_second.all() or not in_second.any():
             return None
-        first, second = (_solve(_group(fit, group), x) for group in (~in_second, in_second))
-        of_first, of_second = _costs(fit, first), _costs(fit, second)
-        split = _Split(in_second, first, second, float(np.where(in_second, of_second, of_first).sum()))
+        groups = [_group(fit, members) for members in (~in_second, in_second)]
+        ends = [_solve(group, x) for group in groups]
+        of_first, of_second = (_costs(fit, end) for end in ends)
+        split = groups, ends, float(np.where(in_second, of_second, of_first).sum())
         moved = of_second < of_first
         if np.array_equal(moved, in_second):
             break
@@ -221,14 +215,12 @@ def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
     return np.where(np.isfinite(costs), costs, np.inf)
 
 
-def _differences(fit: ElasticFit, split: _Split) -> str:
-    variance = sum(
-        np.diag(np.linalg.pinv(_group(fit, group).evaluate(x).hessian / 2, hermitian=True))
-        for group, x in ((~split.in_second, split.first), (split.in_second, split.second))
-    )
-    z = np.abs(split.first - split.second) / np.sqrt(np.maximum(variance, 1e-300))
+def _differences(groups: Sequence[ElasticFit], ends: Sequence[FloatArray]) -> str:
+    parameters, (x, x_second) = groups[0].parameters, ends
+    pairs = zip(groups, ends, strict=True)
+    variance = sum(np.diag(np.linalg.pinv(group.evaluate(end).hessian / 2, hermitian=True)) for group, end in pairs)
+    z = np.abs(x - x_second) / np.sqrt(np.maximum(variance, 1e-300))
     far = [i for i in np.argsort(-z)[: LIMITS.named] if z[i] > LIMITS.difference]
-    first, second = (fit.parameters.as_dict(x) for x in (split.first, split.second))
-    free = fit.parameters.free
+    (first, second), free = map(parameters.as_dict, ends), parameters.free
     words = [f"{free[i].name} {first[free[i].name]:.4g} against {second[free[i].name]:.4g} {free[i].unit}" for i in far]
     return f", with {', '.join(words)}" if words else ""

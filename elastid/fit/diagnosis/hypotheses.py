@@ -16,12 +16,11 @@ To add one, write a function and an entry.  An entry may be put into this list, 
 from __future__ import annotations
 
 import math
-from functools import partial
 
-from elastid.fit.diagnosis import misreadings
 from elastid.fit.diagnosis.configurations import find_disagreement
 from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, SCALE, Hypothesis, Size, relative
 from elastid.fit.diagnosis.lateness import find_lateness
+from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wrong_frequency_unit
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.sensitivities import channel_delays, gear_ratios, posture_angles, rate_column
 from elastid.fit.result import FitResult, ModificationIndex
@@ -120,7 +119,7 @@ LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis("frequency unit", notes=misreadings.find_wrong_frequency_unit),
+    Hypothesis("frequency unit", notes=find_wrong_frequency_unit),
     # Channels and clocks.
     Hypothesis("gain", ("gain_u",), GAIN_U, True, _gain, _gain_advice),
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, _gain, _gain_advice),
@@ -163,39 +162,12 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=_position_loop,
         advice="is the torque that was logged the reference of a controller? log the torque or current of the drive",
     ),
-    # How the responses were read.
-    Hypothesis("sign", changes=misreadings.signs, advice="check sign, scale and gear ratio of the channel"),
-    Hypothesis(
-        "direction",
-        changes=misreadings.directions,
-        advice="check the axis of its joint, the sign of its ratio and the signs of its channels",
-    ),
-    Hypothesis("exchanged channels", changes=misreadings.exchanged_channels, advice="check which channel is which"),
-    Hypothesis(
-        "exchanged postures",
-        changes=misreadings.exchanged_postures,
-        advice="check which record is of which posture, and the angles of both",
-    ),
-    Hypothesis(
-        "phase",
-        changes=partial(misreadings.conjugates, "all phases negated", "phase", 1),
-        advice="they were written with the convention exp(-j omega t); take their complex conjugates",
-    ),
-    Hypothesis(
-        "parts",
-        changes=partial(misreadings.conjugates, "real and imaginary parts exchanged", "parts", 1j),
-        advice="check which column or field is which",
-    ),
-    Hypothesis(
-        "quantity",
-        changes=misreadings.quantities,
-        advice="check the quantity (position, velocity, acceleration) of the y channels",
-    ),
+    *READINGS,
     Hypothesis(
         SCALE,
         phrase=lambda index: f"channels in another scale ({index.name})",
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
-        search=misreadings.find_misreading,
+        search=find_misreading,
     ),
     # What the robot's file lacks.
     Hypothesis(

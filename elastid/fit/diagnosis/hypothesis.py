@@ -34,6 +34,7 @@ from elastid.fit.problem.least_squares import error_gain
 from elastid.fit.result import FitResult, ModificationIndex
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
+Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class Limits:
 
 LIMITS = Limits()
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
+CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Hypothesis:
     advice: str | Callable[[ModificationIndex, FitResult], str] = ""
     plausibility: Callable[[ModificationIndex], float] = lambda index: 1.0
     columns: Columns | None = None
-    changes: Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]] | None = None
+    changes: Changes | None = None
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
     notes: Callable[[Evidence], tuple[Note, ...]] | None = None
 
@@ -187,9 +189,6 @@ class Evidence:
     def best_share(self) -> float:
         """The share of the excess of V that the first cause explains."""
         return next((index.share for index in self.result.indices), 0.0)
-
-
-CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:

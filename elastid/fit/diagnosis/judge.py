@@ -210,14 +210,14 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING
     """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant = scores.candidates, scores.significant
     steps = [test.step(candidate) for candidate in every]
-    drops = np.array([step.drop for step in steps])
+    drops = np.array([drop for _, drop in steps])
     charge = RANKING.number_share * max(scores.excess, 0.0)
     counts = np.array([candidate.directions.shape[1] for candidate in every])
     order = [int(i) for i in np.argsort(-(drops - charge * (counts - 1))) if drops[i] > significant[int(counts[i])]]
     correlations = test.correlations(every)
 
     def index(i: int) -> ModificationIndex:
-        candidate, step = every[i], steps[i]
+        candidate, (own, drop) = every[i], steps[i]
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > RANKING.equal_drop * drops[i]) & (correlations[i] > RANKING.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
@@ -228,11 +228,11 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING
             values=np.array([number.value for number in members]),
             units=tuple(number.unit for number in members),
             log=tuple(number.log for number in members),
-            steps=step.steps,
+            steps=own,
             std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
-            drop=step.drop / scores.lines,
-            share=step.drop / max(scores.excess, 1e-300),
-            effects=test.effects(candidate, step),
+            drop=drop / scores.lines,
+            share=drop / max(scores.excess, 1e-300),
+            effects=test.effects(candidate, own),
             alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
             place=place,
         )
@@ -262,10 +262,7 @@ def judge(
 
 
 def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
-    """A judged result with notes on causes, on the estimate, and on errors that nothing would show.
-
-    notes: of the data and the search.
-    """
+    """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
     result, optimum = evidence.result, evidence.optimum
     by_family = {h.family: h.notes(evidence) for h in evidence.hypotheses if h.notes is not None}
     apart = by_family.pop("configurations", ())

@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
-from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
+from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
@@ -178,6 +178,27 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
     s = 2j * np.pi * evaluated.part.kernel.freq_hz
     return np.asarray(values * (s**power)[:, None, None])
+
+
+# How responses were read: the family, its changes, and the advice.
+_READINGS: tuple[tuple[str, Changes, str], ...] = (
+    ("sign", signs, "check sign, scale and gear ratio of the channel"),
+    ("direction", directions, "check the axis of its joint, the sign of its ratio and the signs of its channels"),
+    ("exchanged channels", exchanged_channels, "check which channel is which"),
+    ("exchanged postures", exchanged_postures, "check which record is of which posture, and the angles of both"),
+    (
+        "phase",
+        partial(conjugates, "all phases negated", "phase", 1),
+        "they were written with the convention exp(-j omega t); take their complex conjugates",
+    ),
+    (
+        "parts",
+        partial(conjugates, "real and imaginary parts exchanged", "parts", 1j),
+        "check which column or field is which",
+    ),
+    ("quantity", quantities, "check the quantity (position, velocity, acceleration) of the y channels"),
+)
+READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, changes, advice in _READINGS)
 
 
 def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:

@@ -50,14 +50,6 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """steps (n_m,) of the numbers of a candidate, and the drop of V."""
-
-    steps: FloatArray
-    drop: float
-
-
-@dataclass(frozen=True, eq=False)
 class ScoreTest:
     """S (n_h, n_h) and g (n_h,) of all numbers, response (n_x, n_h): -H^-1 J^T J_h.
 
@@ -87,19 +79,19 @@ class ScoreTest:
         response[places] = follow * scale / size[places, None]
         return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, known)
 
-    def step(self, candidate: Candidate) -> Step:
-        """The step of a candidate, shortened to what is plausible; zero where the data do not constrain it.
+    def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
+        """Steps (n_m,) of a candidate, shortened to what is plausible, and the drop of V; 0 where no data constrain it.
 
         Several numbers have a prior of the width of what is plausible, which decides where the data do not.
         """
         D, places = candidate.directions, candidate.places
         S, g = self._along(candidate)
         if not self.known[places].any() or (len(g) == 1 and S[0, 0] <= 0):
-            return Step(np.zeros(len(D)), 0.0)
+            return np.zeros(len(D)), 0.0
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else self._bounded(places, S, g)
         steps = steps * self._plausible(candidate, steps)
-        drop = -steps @ (2 * self.g[places] + self._block(candidate) @ steps)
-        return Step(steps, max(float(drop), 0.0))
+        drop = -steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)
+        return steps, max(float(drop), 0.0)
 
     def std(self, candidate: Candidate) -> float:
         """The standard deviation of the first number's step, for residuals of unit variance."""
@@ -117,16 +109,16 @@ class ScoreTest:
         both = np.outer(size, size)
         return np.divide(products**2, both, out=np.zeros_like(both), where=both > 0)
 
-    def effects(self, candidate: Candidate, step: Step) -> FloatArray:
-        """Implied change (n_x,) of the free parameters."""
-        return np.asarray(self.response[:, candidate.places] @ step.steps)
+    def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
+        """Change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""
+        return np.asarray(self.response[:, candidate.places] @ steps)
 
     def freed(self, candidate: Candidate) -> ScoreTest:
         """The test of all numbers with a candidate at its step and free."""
         D, places = candidate.directions, candidate.places
         columns = self.S[:, places] @ D
         back = columns @ np.linalg.pinv(self._along(candidate)[0], hermitian=True)
-        g = self.g + self.S[:, places] @ self.step(candidate).steps
+        g = self.g + self.S[:, places] @ self.step(candidate)[0]
         S = self.S - back @ columns.T
         known = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
         response = self.response - self.response[:, places] @ D @ back.T
@@ -148,19 +140,13 @@ class ScoreTest:
 
         return np.asarray(lsq_linear(L.T, target, limits * size).x / size)
 
-    def _block(self, candidate: Candidate) -> FloatArray:
-        return self.S[np.ix_(candidate.places, candidate.places)]
-
     def _along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
         """S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
-        D = candidate.directions
-        return D.T @ self._block(candidate) @ D, D.T @ self.g[candidate.places]
+        D, places = candidate.directions, candidate.places
+        return D.T @ self.S[np.ix_(places, places)] @ D, D.T @ self.g[places]
 
     def _plausible(self, candidate: Candidate, steps: FloatArray) -> float:
         """The part of the steps that stays within all limits, at most 1."""
-        part = 1.0
-        for step, place in zip(steps, candidate.places, strict=True):
-            number = self.numbers[place]
-            limit = number.upper if step > 0 else -number.lower
-            part = min(part, limit / abs(step)) if step != 0 else part
-        return max(part, 0.0)
+        pairs = [(step, self.numbers[i]) for step, i in zip(steps, candidate.places, strict=True) if step != 0]
+        parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
+        return float(max(min([1.0, *parts]), 0.0))

@@ -63,10 +63,7 @@ class HeldModel:
 
     @classmethod
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
-        """Formulate the extended equations; without what they cannot have: torsions, a payload, geometry.
-
-        fitted: the model of a configuration of the fit.
-        """
+        """The extended equations, without torsions, payload or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
         channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}

@@ -236,8 +236,7 @@ def _search(result: FitResult) -> Iterator[Note]:
     starts = result.starts
     lost = [start.message for start in starts if not math.isfinite(start.cost)]
     if lost:
-        text = f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}"
-        yield Note("failed-starts", text)
+        yield Note("failed-starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
     if result.hits == 1 < len(starts) - len(lost):
         yield Note(
             "one-hit",

@@ -22,6 +22,9 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.frf.matrices import adjoint
 
+# Powers of r times Z that the other terms explain up to this part do not determine A.
+_ROUNDING = 1e-11
+
 
 @dataclass(frozen=True)
 class Windows:
@@ -84,10 +87,6 @@ class WindowTerms:
         """n_w, the fewest bins that leave dof degrees of freedom, but at least the unknowns of one element and T."""
         n_w = self.transient_columns + math.ceil((dof + self.columns + self.poles / n_z) / experiments - 1e-9)
         return max(n_w, self.order + self.poles + 1 + self.transient_columns)
-
-
-# Powers of r times Z that the other terms explain up to this part do not determine A.
-_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)

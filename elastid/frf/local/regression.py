@@ -38,6 +38,8 @@ from elastid.record import Motion, Record
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
+# Degree of the transient's numerator and denominator.
+_ORDER, _POLES = 2, 2
 
 
 @dataclass(frozen=True)
@@ -118,10 +120,6 @@ def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTe
     return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
 
 
-# Degree of the transient's numerator and denominator.
-_ORDER, _POLES = 2, 2
-
-
 @dataclass(frozen=True)
 class SettledSpectra:
     """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
@@ -159,15 +157,8 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
         fit = _transient(Z[rest], rest, bins, n_y)
         at_lines = at_lines - fit.T[:, 0]
         noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
-    return SettledSpectra(
-        Y=at_lines[:, :n_y],
-        U=at_lines[:, n_y:],
-        R=None if R is None else R[bins],
-        n_periods=P,
-        settled=settled,
-        noise=noise,
-        dof=dof,
-    )
+    R = None if R is None else R[bins]
+    return SettledSpectra(at_lines[:, :n_y], at_lines[:, n_y:], R, n_periods=P, settled=settled, noise=noise, dof=dof)
 
 
 def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
@@ -197,10 +188,7 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
 
 
 def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[SettledSpectra]:
-    """One experiment for each excitation, in order; those that occur once stay as they are.
-
-    closed: the reference excites; otherwise the inputs do.
-    """
+    """One experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
     groups: list[list[SettledSpectra]] = []
     for spectrum in spectra:
         own = next((g for g in groups if _gain(driver_of(g[0], closed), driver_of(spectrum, closed)) is not None), None)
