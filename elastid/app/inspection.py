@@ -77,7 +77,7 @@ def _rise(start: NDArray[Any]) -> str:
         return ""
     grid, described = even_grid(time_s), TimeSteps.of(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
-        return f"rises evenly: {grid[2]:.6g} Hz if it is the time in s"
+        return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s"
     return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
 
 

@@ -6,7 +6,7 @@ rigid body; that of the logs is taken, and their friction alone is predicted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,13 +16,12 @@ from elastid.app.summaries import prediction_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.friction_study.result import FrictionResult, JointFriction, JointLevels
+from elastid.record import FrictionRecords
 from elastid.store.files import keep_checksums, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result, read_levels
 from elastid.validation.friction_twin import friction_balances, friction_runs
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
-
-RESULT = "prediction.json"
 
 
 def predict(run: Run, source: Path) -> None:
@@ -41,49 +40,46 @@ def predict(run: Run, source: Path) -> None:
         raise StudyError(f"--with {source}: {path.name} is not there; name the run folder of a study of friction")
     result = read_friction_result(path)
     with logged_in(run.folder, run.jobs, run.console):
-        for name in run.stages:
+        for name in list(run.stages)[: list(run.stages).index("levels") + 1]:
             if not run.is_current(name):
                 carry_out(run, name)
-            if name == "levels":
-                break
         levels, measured = read_levels(run.path("levels")), read_friction_records(run.path("measure"))
         missing = dict(_missing(result, levels))
         for joint, reason in missing.items():
             run.console.warn(f"joint {joint} is not predicted: {reason}")
-        own = [
-            JointFriction(each.joint, each.slides, motion=each.motion) for each in levels if each.joint not in missing
-        ]
-        if not own:
+        known = [each for each in levels if each.joint not in missing]
+        if not known:
             raise StudyError(f"--with {path}: none of its joints can be predicted on these logs; the reasons are above")
-        joints = predicted(result, own)
-        recorded = run.study.experiment.recorded
-        robot = with_identified_friction(run.study.as_robot(), result)
-        runs = friction_runs(
-            robot, joints, measured, None if recorded is None else recorded.controller, Execution(run.jobs)
-        )
-        twin = TwinFindings(friction_balances(joints, measured), runs)
+        own = [JointFriction(each.joint, each.slides, motion=each.motion) for each in known]
         left = {balance.place: balance.left for balance in friction_balances(own, measured)}
-        text = prediction_summary(run.study.name, str(path), twin, left, missing)
-        write_text(run.folder / RESULT, text)
-        keep_checksums(run.folder, [RESULT])
+        twin = _twin(run, result, predicted(result, own), measured)
+        summary = prediction_summary(run.study.name, str(path), twin, left, missing)
+        path = run.folder / "prediction.json"
+        write_text(path, summary)
+        keep_checksums(run.folder, [path.name])
         for balance in twin.balances:
             words = f"{describe_balance(balance)} A regression of these logs leaves {left[balance.place]:.1%}."
             run.console.say(f"predict: {words}")
-        for words in twin.run_words:
+        for words in (*twin.run_words, str(path)):
             run.console.say(f"predict: {words}")
-        run.console.say(str(run.folder / RESULT))
+
+
+def _twin(run: Run, result: FrictionResult, joints: Sequence[JointFriction], measured: FrictionRecords) -> TwinFindings:
+    recorded = run.study.experiment.recorded
+    controller = None if recorded is None else recorded.controller
+    robot = with_identified_friction(run.study.as_robot(), result)
+    runs = friction_runs(robot, joints, measured, controller, Execution(run.jobs))
+    return TwinFindings(friction_balances(joints, measured), runs)
 
 
 def predicted(result: FrictionResult, own: Sequence[JointFriction]) -> list[JointFriction]:
     """The joints along their own motions, with the numbers of a result."""
-    known: Mapping[str, JointFriction] = {joint.joint: joint for joint in result.joints}
-    joints = []
+    known, joints = {joint.joint: joint for joint in result.joints}, []
     for each in own:
-        source, motion = known[each.joint], each.motion
-        assert motion is not None
-        assert source.motion is not None
+        source = known[each.joint]
+        assert each.motion is not None
         numbers = {name: getattr(source.motion, name) for name in ("alike", "apart", "are_apart", "chance")}
-        joints.append(replace(source, motion=replace(motion, **numbers)))
+        joints.append(replace(source, motion=replace(each.motion, **numbers)))
     return joints
 
 

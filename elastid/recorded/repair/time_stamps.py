@@ -5,9 +5,8 @@ The signal is the band-limited one that fits all samples in the sense of least s
 .. math:: \min_x \sum_i w_i \Bigl(s(t_i) - \sum_j x_j \varphi(t_i / T_k - j)\Bigr)^2, \quad
     w_i = \tfrac12 (t_{i+1} - t_{i-1})
 
-with knots T_k apart and the windowed sinc of `clock` as phi; T_k is the longest mean of some steps in a row, so that
-samples are nowhere fewer than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995). It holds frequencies
-up to 0.45 / T_k.
+with phi the windowed sinc of `clock` and T_k the longest mean of some steps in a row, so that samples are nowhere fewer
+than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995); it holds frequencies up to 0.45 / T_k.
 """
 
 from __future__ import annotations
@@ -71,15 +70,13 @@ class TimeSteps:
         )
 
 
-def even_grid(time_s: FloatArray) -> tuple[IntArray, float, float] | None:
-    """(row of each stamp, start in s, rate in Hz) of the even grid that stamps (n,) lie on; None where on none.
+def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
+    """(row of each stamp, rate in Hz) of the even grid that stamps (n,) lie on; None where on none.
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
-    steps = np.diff(time_s)
+    steps, candidates = np.diff(time_s), [np.arange(len(time_s))]
     median = float(np.median(steps))
-    n = len(time_s)
-    candidates = [np.arange(n)]
     if median > 0:
         candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
     rounding = STAMPS.max_rounding * _resolution(time_s)
@@ -87,7 +84,7 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float, float] | None:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
         deviation = float(np.abs(time_s - start - step * rows).max())
         if step > 0 and deviation <= max(STAMPS.max_deviation * step, rounding):
-            return rows, float(start), 1 / float(step)
+            return rows, 1 / float(step)
     return None
 
 
@@ -115,17 +112,15 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     time_s = time_s - time_s[0]
     steps, grid = TimeSteps.of(time_s), even_grid(time_s)
     if grid is not None:
-        rows, start, own_hz = grid
+        rows, own_hz = grid
         if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
             return _with_gaps(signals, rows, log)
-        time_s = start + rows / own_hz
-        time_s -= time_s[0]
+        time_s = rows / own_hz
     return _at_instants(time_s, signals, rate_hz, log, steps)
 
 
 def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
-    lost = int(rows[-1]) + 1 - len(signals)
-    if lost == 0:
+    if (lost := int(rows[-1]) + 1 - len(signals)) == 0:
         return Repaired(signals)
     result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
     result[rows] = signals
@@ -145,35 +140,28 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     row = min(_IN_A_ROW, len(of_knots))
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
     if knot_hz < STAMPS.min_rate_share * rate_hz:
+        unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
+        advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise DataError(
             f"{log.where}: its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
-            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {_rounded_down(knot_hz):g}"
+            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {advised_hz:g}"
         )
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, share = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
-    for gap in gaps:  # the ends of a gap are measured
-        missing[np.abs(grid_s - time_s[gap]) < 0.5 / rate_hz] = False
-        missing[np.abs(grid_s - time_s[gap + 1]) < 0.5 / rate_hz] = False
+    for end in (*gaps, *(gaps + 1)):  # the ends of a gap are measured
+        missing[np.abs(grid_s - time_s[end]) < 0.5 / rate_hz] = False
     result[missing] = np.nan
     text = (
         f"its time has {steps}: resampled on its stamps to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz; "
         f"{share:.2g} of the rms of its samples, noise or faster, is left out"
     )
-    findings = [Finding(RESAMPLED, len(result), text)]
-    if missing.any():
-        findings.append(_gaps(int(missing.sum()), gaps, log))
-    return Repaired(result, tuple(findings))
-
-
-def _rounded_down(rate_hz: float) -> float:
-    """To two digits."""
-    unit = 10.0 ** (np.floor(np.log10(rate_hz)) - 1)
-    return float(np.floor(rate_hz / unit + 1e-9) * unit)
+    lost = (_gaps(int(missing.sum()), gaps, log),) if missing.any() else ()
+    return Repaired(result, (Finding(RESAMPLED, len(result), text), *lost))
 
 
 def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:
-    """Signals (m, c) at grid_s of the band-limited fit, and the largest rms of its residuals over that of a signal."""
+    """Signals (m, c) at grid_s of the fit, and the largest rms of its residuals over that of a signal."""
     instants, wanted = time_s * knot_hz, grid_s * knot_hz
     result = np.empty((len(grid_s), signals.shape[1]))
     squares = np.zeros(signals.shape[1])
