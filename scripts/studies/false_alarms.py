@@ -1,6 +1,6 @@
 """How often does each repair, note and warning appear on logs in which nothing is wrong?
 
-    python scripts/studies/false_alarms.py [--quick] [--logs 300] [--seed 0] [--jobs 1] [--rig two_axis_arm.py]
+    python scripts/studies/false_alarms.py [--quick] [--logs 300] [--seed 0] [--jobs 1] [--rig PATH]
 
 Sets of clean logs of many kinds (clean_logs.py) are read, repaired and estimated, and one in three is fitted with its
 diagnosis, by the true robot's file. An alarm is a repair, a warning, a refusal, a status that is not `converged`,

@@ -1,4 +1,4 @@
-"""Mutants of each module that the test at its mirrored path kills: `elastid/a/b.py` by `tests/a/test_b.py`.
+"""Mutants of each module that the test at its mirrored path, `test_<module>` in the same folder of tests, kills.
 
 A mutant has one operator, comparison, number or condition of one function changed. Tests run in copies of one process
 that has loaded the libraries (POSIX alone).
