@@ -47,7 +47,7 @@ from fit_peers import casadi_problem, casadi_sums, jax_evaluation
 from scipy.optimize import least_squares
 from timing import cpu_seconds, in_turn
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import description, is_compiled
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
@@ -229,9 +229,14 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
             V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
-            residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)).ravel())
+            residuals.append(as_real(left(R, known.q[block.block], block.G)).ravel())
             slopes.append(np.concatenate([dr.real[:, :, None], dr.imag[:, :, None]], axis=2).reshape(-1, len(x)))
     return np.concatenate(residuals), np.concatenate(slopes)
+
+
+def left(R: ComplexArray, q: ComplexArray, G: ComplexArray) -> ComplexArray:
+    """r = q - R g (F, n_e); R (F, n_e, n_e), or its diagonal."""
+    return np.asarray(q - (R * G if R.ndim == 2 else (R @ G[:, :, None])[:, :, 0]))
 
 
 def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
@@ -240,7 +245,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         known, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
         G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
-        found.append(as_real(known.R.residual(slice(None), known.q, G)).ravel())
+        found.append(as_real(left(known.R.R, known.q, G)).ravel())
     return np.concatenate(found)
 
 

@@ -121,8 +121,8 @@ class Draw:
         """Of a seed."""
         levels = find_levels(self.campaign.passes(NOISES[self.noise], seed), True, self.campaign.turn).levels
         truth = {name: friction_numbers(self.campaign.robot)[known][0] for name, known in NUMBERS.items()}
-        numbers = {number.name: number for number in StaticLaw.of(levels, LAW).numbers}
-        held = {name: numbers[name].low <= value <= numbers[name].high for name, value in truth.items()}
+        intervals = StaticLaw.of(levels, LAW).intervals
+        held = {name: intervals[name][2] <= value <= intervals[name][3] for name, value in truth.items()}
         # Where chance finds the directions apart, their means are the levels.
         parts = 1 if (levels.direction == 0).all() else 2
         torque, speed = (x.reshape(parts, -1).mean(axis=0) for x in (levels.torque, levels.speed))
