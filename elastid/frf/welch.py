@@ -9,7 +9,7 @@ and Hv by total least squares of each output.  The residual gives the covariance
 .. math:: cov(vec\, H) = S_{uu}^{-T} \otimes \frac{S_{vv}}{K_e - n_u}, \quad S_{vv} = \sum_k V_k V_k^H, \qquad
           \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
 
-where K_e independent segments would tell as much as the K that overlap (Welch, IEEE Trans. Audio Electroacoust. 15,
+where K_e independent segments would inform as much as the K that overlap (Welch, IEEE Trans. Audio Electroacoust. 15,
 1967).  A segment has no model of leakage: a resonance narrower than its resolution is flattened, beyond its variance.
 (Bendat and Piersol, Random Data, 4th ed., sections 9.2 and 11.5.)
 """

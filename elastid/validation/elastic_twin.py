@@ -9,7 +9,7 @@ the lines of the response, in the last period of the steady state, where this is
 Signals are compared at all lines between the lowest and the highest of the response, in the last period that counts.
 Below them the twin is held on the log by a loop of a fifth of the lowest line; an error at that line is changed by 4 %
 in its amplitude, higher ones by less. The torque between samples is that of the record's hold; its mean is the holding
-torque of the model, since that of a log contains what no response tells.
+torque of the model, since that of a log contains what no response shows.
 """
 
 from __future__ import annotations

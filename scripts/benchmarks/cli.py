@@ -3,7 +3,7 @@
     python scripts/benchmarks/cli.py [--quick] [--other PYTHON] [STUDY]
 
 Loading: user and system time of fresh processes, with compiled byte code as after a first start, over that of a bare
-Python. Imports of estimate: the sum that `python -X importtime` tells while it estimates the demo's responses. Report
+Python. Imports of estimate: the sum that `python -X importtime` shows while it estimates the demo's responses. Report
 and demo: the wall clock, since workers' times are not counted with their parent's; they want a machine with two quiet
 cores and take some minutes, and --quick leaves them out. PYTHON is that of another checkout's environment
 (`.venv/bin/python`): everything is then run by both in turns, and its medians over these are given. The last
@@ -90,7 +90,7 @@ def working(python: str, folder: Path) -> dict[str, list[str]]:
 
 
 def importing(python: str, folder: Path) -> dict[str, list[str]]:
-    """Estimation of the demo's responses, told import by import."""
+    """Estimation of the demo's responses, import by import."""
     run = folder / "jobs-1"
     asked = ["estimate", str(run / "study.yml"), "--run", str(run), "--jobs", "1", "-q"]
     return {"imports of estimate": [python, "-X", "importtime", "-m", "elastid", *asked]}

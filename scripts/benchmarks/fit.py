@@ -18,7 +18,7 @@ evaluation takes 0.7 (evaluation_over_solve) times the bare solves and 1.8 (eval
 NumPy alone 2.4 (numpy_evaluation_over_solve) and 6.4 (numpy_evaluation_over_floor) times; CasADi takes 243
 (casadi_over_evaluation) times as long for one. With ten inertial parameters more, which move the robot under gravity
 with every stiffness, it is 4.9 (inertial_evaluation_over_floor) times the floor, with NumPy 17.2
-(numpy_inertial_evaluation_over_floor), and linearised anew at every point, as the search for them must, 30.2
+(numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 30.2
 (relinearised_evaluation_over_floor). Twice the lines take 0.94 (lines_doubled_over_twice) of twice the time, twice the
 configurations 0.97 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.6
 (resident_mb_a_configuration) MB of memory. A whole fit is 36 (faster_than_same_jacobian) times faster than
@@ -71,7 +71,7 @@ BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
 EVALUATION = "cost, gradient, normal matrix"
 PLAIN, WHOLE = "the same, NumPy alone", "the same, NumPy, leaves not condensed"
 INERTIAL, PLAIN_INERTIAL = "ten inertial parameters more", "the same, NumPy"
-RELINEARISED = "the same, compiled, linearised anew"
+RELINEARISED = "the same, compiled, linearised again"
 IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
 # Together they make the linearisation local: with m c^2 in M, every stiffness moves the robot under gravity, too.
 INERTIAS = ("m_3", "m_4", "m_5", "m_6", "c_3_x", "c_4_z", "c_5_z", "I_3_xx", "I_4_yy", "I_6_zz")
@@ -191,7 +191,7 @@ def kernel_times(
     """Seconds for one pass over all configurations.
 
     plain: without compiled loops; whole: nor condensed leaves.  inertial: INERTIAS free, too, compiled, plain, and
-    compiled and linearised anew at every x, as the search does it.
+    compiled and linearised again at every x, as the search does it.
     """
     theta, x, more = fit.parameters.theta, fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
@@ -302,7 +302,7 @@ def resident_mb() -> float:
 
 
 def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
-    """The fit with INERTIAS free, too, linearised once and anew at every x; evaluated once, so that all is prepared."""
+    """The fit with INERTIAS free, too, linearised once, and at every x; evaluated once, so that all is prepared."""
     robot, names = build_robot(), (*IDENTIFIED, *INERTIAS)
     spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(floor=0.0))
     parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))

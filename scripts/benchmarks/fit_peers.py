@@ -45,7 +45,7 @@ def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, F
 
 
 def casadi_problem(fit: ElasticFit) -> LeastSquares:
-    """The whole fit with CasADi in the place of the kernel; the solver is the same."""
+    """The whole fit with CasADi instead of the kernel; the solver is the same."""
     parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
 
     def evaluate(x: FloatArray) -> Evaluation:

@@ -111,7 +111,7 @@ def _rig(name: str, plant: Plant) -> Rig:
 
 
 def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[FrequencyResponse, ...]:
-    """Exact responses of a robot that the model does not describe, the wrong part drawn anew."""
+    """Exact responses of a robot that the model does not describe, the wrong part drawn for each."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
     if wrong == "hidden mode":
         place = float(np.exp(rng.uniform(np.log(freq_hz[0]), np.log(freq_hz[-1]))))

@@ -51,7 +51,7 @@ QUICK = ("none", "torque constant of motor 1 +20 %", "encoder 2 one sample late"
 class Outcome:
     """How a fault ended: exit code of the last command, status of the fit, words, and the worst stiffness' distance.
 
-    told: whether the fit says what it takes as exact, and how exactly.
+    lists_held: True if the fit lists what it takes as exact, and how exactly.
     """
 
     code: int
@@ -59,7 +59,7 @@ class Outcome:
     deviations: float | None
     warned: bool
     words: str
-    told: bool = False
+    lists_held: bool = False
 
     @property
     def is_silent(self) -> bool:
@@ -80,8 +80,8 @@ def outcome(measurement: Measurement, truth: dict[str, float], folder: Path) -> 
     # A misfit's last line is the same for all; its warnings say what would explain it.
     first = lines[-1] if code not in (0, 3) and lines else (warnings or lines or [""])[0]
     status, deviations = fitted(folder, truth)
-    told = "take as exact what the fit held" in log
-    return Outcome(code, status, deviations, bool(code or warnings), first.removeprefix("warning: "), told)
+    lists_held = "take as exact what the fit held" in log
+    return Outcome(code, status, deviations, bool(code or warnings), first.removeprefix("warning: "), lists_held)
 
 
 def command(arguments: list[str]) -> tuple[int, str]:
@@ -139,7 +139,7 @@ def main() -> None:
             faults[name](faulty)
             found = rows[name] = outcome(faulty, truth, Path(temporary) / str(i))
             off = "" if found.deviations is None else f"{found.deviations:.1f}"
-            silence = "(silent, told what is taken as exact)" if found.told else "(silent)"
+            silence = "(silent, but it lists what is taken as exact)" if found.lists_held else "(silent)"
             words = silence if found.is_silent else found.words[:150]
             print(f"{name:<46}{found.code:>5}  {found.status:<14}{off:>11}  {words}", flush=True)
     print(json.dumps({"faults": judged(rows, bool(asked.only))}))
@@ -150,7 +150,7 @@ def judged(rows: dict[str, Outcome], some: bool) -> dict[str, Any]:
     silent = {name: row.deviations for name, row in rows.items() if row.is_silent and row.deviations is not None}
     absorbed = {name: off for name, off in silent.items() if name in ABSORBED}
     wrong = {name: off for name, off in silent.items() if off > MAX_SILENT and name not in absorbed}
-    untold = [name for name in absorbed if not rows[name].told]
+    unlisted = [name for name in absorbed if not rows[name].lists_held]
     crashed = [name for name, row in rows.items() if row.code == -1]
     worst = max((off for name, off in silent.items() if name not in absorbed), default=0.0)
     codes = Counter(str(row.code) for row in rows.values())
@@ -159,7 +159,7 @@ def judged(rows: dict[str, Outcome], some: bool) -> dict[str, Any]:
     assert not crashed, crashed
     assert some or rows["none"].is_silent, rows["none"]
     assert not wrong, wrong
-    assert not untold, untold
+    assert not unlisted, unlisted
     return {"cases": len(rows), "codes": codes, "silent": silent, "rows": {n: asdict(row) for n, row in rows.items()}}
 
 

@@ -3,7 +3,7 @@
     python scripts/studies/campaign_studies.py [--quick] [--mutants 100000] [--seed 0] [--jobs 1]
 
 Mutants of all shipped studies, templates and robots: characters, lines and numbers exchanged, removed, repeated and
-put in the place of others; tags, anchors, aliases, escapes, huge and odd numbers, deep nesting, bytes that are not
+put instead of others; tags, anchors, aliases, escapes, huge and odd numbers, deep nesting, bytes that are not
 UTF-8. Each is read and checked as `elastid check` does. It is taken, or refused with file, line and column; anything
 else, and anything above 10 s, is a finding and fails the campaign. The last line is one JSON object.
 """

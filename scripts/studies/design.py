@@ -4,7 +4,7 @@
 
 For the demo's three-axis arm and for a six-axis arm, a plan is designed for a given robot time: configurations, how
 often each, how many periods, and the spectrum of each. It is measured again and again on the simulated rig, with new
-phases and new noise each time, and fitted from the nominal robot, which is the true one. Told are the standard
+phases and new noise each time, and fitted from the nominal robot, which is the true one. It prints the standard
 deviations over the repetitions against those that the forecast stated before, and their geometric mean against that of
 plans of the same robot time with random configurations (admissible ones, as many as fit in with the study's own two
 periods) and a spectrum that is flat in torque, of the same RMS. The forecast also gives the gain of configurations
@@ -272,10 +272,10 @@ def study(
     random, random_stated, random_shaped = [], [], []
     for plan in range(plans):
         drawn = random_choice(problem, count, plan)
-        told = design(drawn, Execution(jobs))
-        random_stated.append(stated(told))
+        random_plan = design(drawn, Execution(jobs))
+        random_stated.append(stated(random_plan))
         random_shaped.append(stated(design(replace(drawn, excitation=problem.excitation), Execution(jobs))))
-        random.append(measured(Programme.of(drawn, told), (of_random, repetitions[1]), 200, jobs)[0][here])
+        random.append(measured(Programme.of(drawn, random_plan), (of_random, repetitions[1]), 200, jobs)[0][here])
         means = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
         print("  random plan {} of {}: {:.3g} % (forecast {:.3g} %)".format(plan + 1, plans, *means), flush=True)
     outcome = Outcome(

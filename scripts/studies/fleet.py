@@ -125,11 +125,11 @@ def scaling(robots: int, dates: tuple[str, ...], others: int) -> dict[str, Any]:
         assert summaries(one).items() <= summaries(two).items(), "results depend on the number of processes"
     members, each_s = robots * len(dates), one_s / others
     modelled = {workers: math.ceil(192 / workers) * each_s for workers in MODELLED}
-    told = ", ".join(f"{workers} workers {seconds:.0f} s" for workers, seconds in modelled.items())
+    by_workers = ", ".join(f"{workers} workers {seconds:.0f} s" for workers, seconds in modelled.items())
     text = (
         f"one process took {each_s:.1f} s a member and two took {two_s / members:.1f} s, at a load of "
         f"{os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; members are independent, so that 192 of them would take "
-        f"ceil(192 / workers) times {each_s:.1f} s: {told}, and the page"
+        f"ceil(192 / workers) times {each_s:.1f} s: {by_workers}, and the page"
     )
     return {"verdict": verdict, "members": members, "seconds": two_s, "scaling": text}
 

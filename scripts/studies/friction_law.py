@@ -3,7 +3,7 @@
     python scripts/studies/friction_law.py [--quick] [--draws 500]
 
 Levels of the published law of a large robot's joint (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh, IROS 2010;
-12 speeds, 4 loads, 5 temperatures: 240 levels), with noise of 2 % of the median level that is drawn anew each time.
+12 speeds, 4 loads, 5 temperatures: 240 levels), with noise of 2 % of the median level that is drawn again each time.
 All twelve numbers are free. Of every number: the share of 95 % intervals that hold the truth, and the scatter of the
 estimates over the Cramer-Rao bound at the truth; of all draws: how many of the starts reach the best optimum. The share
 over all numbers must lie within 94 and 96 %, the scatter within 0.9 and 1.15 of the bound, and every start must arrive.

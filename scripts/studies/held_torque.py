@@ -11,7 +11,7 @@ From f T = 0.02 on at least 95 % must be found, their T within 10 % in the media
 The last line is one JSON object with the numbers of the table.
 
 100 clean fits: no hint. 20 held ones each: all found from f T = 0.01 on, T within 4 % in the median at 0.01, 2 % at
-0.02, 0.6 % at 0.08, where 85 % are told from a delay; all at 0.16.
+0.02, 0.6 % at 0.08, where 85 % are distinguished from a delay; all at 0.16.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -57,7 +57,7 @@ def arm(**values: float) -> Robot:
 
 
 def four_bar() -> Robot:
-    """The shipped arm with a crank of 330 mm and a rod of 870 mm in the place of the parallelogram."""
+    """The shipped arm with a crank of 330 mm and a rod of 870 mm instead of the parallelogram."""
     robot = arm()
     (loop,) = robot.loops
     assert loop.rod is not None

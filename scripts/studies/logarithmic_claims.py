@@ -192,7 +192,7 @@ def compare_first_stages(rig: Rig, starts: int, seed: int) -> list[dict[str, Any
 def blocks_of(G: ComplexArray, snr_db: float, through_loop: bool, rng: np.random.Generator) -> list[Block]:
     """Realisations of n orthogonal experiments at G (F, n, n), the torque snr_db above the noise N in it.
 
-    sensor: N is in the torque's sensor alone, U = R + N, Y = G R.  through_loop: of a torque N that nobody measures and
+    sensor: N is in the torque's sensor alone, U = R + N, Y = G R.  through_loop: of a torque N that is not measured and
     a controller K = G^-1 that answers it, Y = G (U + N), U = R - K Y = (R - N) / 2: what biases H1.
     The motion stands 20 dB above its own sensor's noise.
     """

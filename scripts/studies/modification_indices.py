@@ -4,10 +4,10 @@
 
 An arm of two elastic axes with two further elastic rotations and a load, in three postures, with 0.5 % of noise whose
 variance is estimated from eight degrees of freedom, fitted by one search from the springs of the file.  For every fault
-the share of data sets whose first sentence names it (with what the data cannot tell from it: a delay and a hold), the
-share of the excess of V that it explains, its step beside the true one, what the second sentence is about, and the CPU
-time of the fit with its diagnosis beside that of clean data.  At least 12 of the 15 faults must be named in all data
-sets.  Clean: the share of fits with any sentence, at most 1 %, which is the rate of the test of all candidates
+the share of data sets whose first sentence names it (with what it cannot be distinguished from: a delay and a hold),
+the share of the excess of V that it explains, its step beside the true one, what the second sentence is about, and the
+CPU time of the fit with its diagnosis beside that of clean data.  At least 12 of the 15 faults must be named in all
+data sets.  Clean: the share of fits with any sentence, at most 1 %, which is the rate of the test of all candidates
 together.  The last line is one JSON object with the numbers of the
 table.
 

@@ -234,7 +234,7 @@ def bench(noise: float = 1e-7) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def recorded(tiny: Path, logs: dict[str, np.ndarray[Any, Any]], period: str = "1 s", motor: str = "motor") -> Path:
-    """The study with these logs in the place of the simulation."""
+    """The study with these logs instead of the simulation."""
     table = np.stack(list(logs.values()), axis=1)
     np.savetxt(tiny.parent / "log.csv", table, delimiter=",", header=",".join(logs), comments="", fmt="%.12g")
     text = tiny.read_text()

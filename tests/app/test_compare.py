@@ -43,7 +43,7 @@ def test_the_model_that_made_the_responses_predicts_best(study: Path, seed: int)
 
 @pytest.mark.slow
 def test_what_the_data_do_not_need_is_said(study: Path) -> None:
-    """Responses of a robot whose joint 1x is rigid: the model without it cannot be told from one where it is stiff."""
+    """Responses of a robot whose joint 1x is rigid: no data distinguish rigid from stiff."""
     robot = stiffened(load(study).study.robot, ["1x"])
     stiff = "robot.bodies.0.joints.1.spring.stiffness=4e8", "fit.parameters.k_1x.fixed=true"
     run = measured(study, robot, "compare.variants=[{name: simple, rigid: [1x]}, {name: 2x, rigid: [2x]}]", *stiff)

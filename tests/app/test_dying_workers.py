@@ -30,7 +30,7 @@ ELASTIC = (
     "compare.variants=[{name: other weights, set: [fit.start_factor=2]}]",
     "report.formats=[png]",
 )
-# The least that tells Coulomb and viscous friction.
+# The least that distinguishes Coulomb and viscous friction.
 FRICTION = (
     "friction.rate_hz=500",
     "friction.passes={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",

@@ -1,4 +1,4 @@
-"""elastid fleet: one study over robots and dates, restarted, told what is wrong, and the same bytes again."""
+"""elastid fleet: one study over robots and dates, restarted, with messages on faults, and the same bytes again."""
 
 import csv
 import os
@@ -66,7 +66,7 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
 ) -> None:
     """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed.
 
-    A bit of the table that flipped is told, and made right.
+    A bit of the table that flipped is reported, and made right.
     """
     path, folder = finished
     page = (folder / "fleet.html").read_text(encoding="utf-8")
@@ -129,15 +129,15 @@ def test_members_that_fail_are_named_and_the_others_go_on(
     summary.write_text(summary.read_text().replace('"converged"', '"misfit"', 1))
     keep_checksums(summary.parent, [summary.name])  # as written so by a fit, not damaged
     assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 3
-    told = capsys.readouterr()
-    assert "1 of 6 members are misfits and are not compared with the others: r1 on 2026-01-31" in told.err
+    output = capsys.readouterr()
+    assert "1 of 6 members are misfits and are not compared with the others: r1 on 2026-01-31" in output.err
     broken = tmp_path / "members" / "r0_2026-07-31"
     shutil.rmtree(broken)
     broken.write_text("no folder")
     assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 1
-    told = capsys.readouterr()
-    assert "1 of 6 members failed and are not compared with the others: r0 on 2026-07-31: " in told.err
-    assert "3 robots, 5 of 6 measurements identified" in told.out
+    output = capsys.readouterr()
+    assert "1 of 6 members failed and are not compared with the others: r0 on 2026-07-31: " in output.err
+    assert "3 robots, 5 of 6 measurements identified" in output.out
     table = pyarrow.parquet.read_table(tmp_path / "fleet.parquet").to_pylist()
     assert ("r0", "2026-07-31") not in {(row["robot"], row["date"]) for row in table}
 

@@ -43,7 +43,7 @@ def test_a_fit_to_responses_of_held_commands_needs_their_hold(tmp_path: Path) ->
     """G H of commands at 1 kHz in a CSV.
 
     With the key every number is right. Without it the half sample takes as much damping from the inertia as friction
-    gives it: the motor's is lost, its inertia is off by 3 %, and the study is told which torque is late, and by what.
+    gives it: the motor's is lost, its inertia is off by 3 %, and a note says which torque is late, and by how much.
     """
     folder = tmp_path / "held"
     assert run_command(["new", str(folder), "--template", "responses"]) == 0

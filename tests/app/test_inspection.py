@@ -52,7 +52,7 @@ def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path: Path, monkeyp
 
 
 def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_path: Path) -> None:
-    """No word of delimiters; a text is not a signal; objects are told how to be saved."""
+    """No word of delimiters; a text is not a signal; for objects it says how to save them."""
     savemat(tmp_path / "log.mat", {"rec": {"x": np.sin(T), "note": "run 7"}, "fs": 20.0})
     page = described(tmp_path / "log.mat")
     assert "delimiter" not in page

@@ -205,8 +205,8 @@ def test_finished_work_is_not_done_again() -> None:
     names, items = [f"item-{i}" for i in range(8)], list(range(8))
     with pytest.raises(KeyboardInterrupt):
         list(Execution(checkpoint=kept).resumed(square, items, names))
-    told: list[tuple[int, int]] = []
-    execution = Execution(1, lambda *counts: told.append(counts), kept)
+    counted: list[tuple[int, int]] = []
+    execution = Execution(1, lambda *counts: counted.append(counts), kept)
     assert in_order(execution.resumed(square, items, names)) == [i**2 for i in items]
     assert worked == items
-    assert told == [(n, 8) for n in range(3, 9)]
+    assert counted == [(n, 8) for n in range(3, 9)]

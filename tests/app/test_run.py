@@ -450,7 +450,7 @@ def test_the_log_tells_the_whole_story(copy: Path) -> None:
 
 
 def test_responses_are_on_the_planned_lines(finished: Path) -> None:
-    """The plan tells the estimator which lines were excited."""
+    """The plan shows the estimator which lines were excited."""
     plan = read_plan(finished / "run" / "plan.h5")
     for response in read_responses(finished / "run" / "frf.h5"):
         np.testing.assert_allclose(response.freq_hz, plan.freq_hz)

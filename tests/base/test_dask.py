@@ -67,7 +67,7 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
 
 
 def killed_at_two(item: int) -> int:
-    """As a scheduler tells of an item at which several workers died."""
+    """As a scheduler reports an item at which several workers died."""
     if item == 2:
         raise distributed.KilledWorker("task", SimpleNamespace(address="tcp://1"), 3)
     return item * item
@@ -123,7 +123,7 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
 
 @pytest.mark.filterwarnings("default")
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
-    """Nobody listens there."""
+    """No scheduler listens there."""
     monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
         ordered(abs, [1, 2], 1)

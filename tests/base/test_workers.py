@@ -136,7 +136,7 @@ def wait_for_end(processes: Iterable[int]) -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
 def test_lasting_workers_stay_for_the_next_work_and_no_longer():
-    """One that is killed between two works is replaced, and nobody's work is lost by that."""
+    """One that is killed between two works is replaced, and no work is lost by that."""
     with lasting_workers():
         first = set(ordered(process_of, [0.2, 0.2], 2))
         assert set(ordered(process_of, [0.2, 0.2], 2)) == first

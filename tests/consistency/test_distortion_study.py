@@ -23,7 +23,7 @@ def finished(
 ) -> Run:
     """Up to one stage: one realisation with Coulomb friction (Nm) under a sine carrier of so many cycles a period.
 
-    friction: as the estimator is told.
+    friction: as in estimator.friction.
     """
     overrides = [
         "excitation.grid=odd-random",

@@ -59,7 +59,7 @@ def passes() -> FrictionResult:
     return identify_friction(machine, find_joint_levels(machine, machine.driven, records), records, spec)
 
 
-def told(result: FrictionResult, name: str) -> tuple[float, float]:
+def number_of(result: FrictionResult, name: str) -> tuple[float, float]:
     """A number of the friction study and its standard deviation."""
     found = next(number for number in result.numbers if number.name == name)
     return found.value, found.std
@@ -72,7 +72,7 @@ def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionRe
     taken = find_friction(configurations, AUTO, lines)
     for joint, truth in zip("12", COULOMB, strict=True):
         level, std = taken.sliding_level(f"motor {joint}")
-        of_passes, std_of_passes = told(passes, f"Fc_m{joint}")
+        of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
         assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
         assert abs(of_passes - truth) < FAR * std_of_passes
         slow = np.array([0.05, 0.2])
@@ -84,8 +84,8 @@ def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionRe
 def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: FrictionResult) -> None:
     """Its records show the F_c of passes, and its fit finds their viscous friction beside the springs."""
     machine = robot((0.0, 0.0))
-    put = {f"fm_{joint}": told(passes, f"f_m{joint}")[0] / n**2 for joint, n in zip("12", RATIO, strict=True)}
-    levels = tuple(told(passes, f"Fc_m{joint}")[0] for joint in "12")
+    put = {f"fm_{joint}": number_of(passes, f"f_m{joint}")[0] / n**2 for joint, n in zip("12", RATIO, strict=True)}
+    levels = tuple(number_of(passes, f"Fc_m{joint}")[0] for joint in "12")
     configurations, lines = measured_robot(robot(levels).with_parameters(put))
     taken = find_friction(configurations, AUTO, lines)
     responses = [estimate([net_record(one, taken) for one in records], AUTO, lines) for records in configurations]
@@ -93,10 +93,10 @@ def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: Frict
     fit = identify(responses, machine, FitSpec(starts=1, start_factor=1.0, profile=(), parameters=chosen))
     for joint, n in zip("12", RATIO, strict=True):
         level, std = taken.sliding_level(f"motor {joint}")
-        of_passes, std_of_passes = told(passes, f"Fc_m{joint}")
+        of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
         assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
         viscous, viscous_std = (n**2 * each[f"fm_{joint}"] for each in (fit.values, fit.std))
-        of_passes, std_of_passes = told(passes, f"f_m{joint}")
+        of_passes, std_of_passes = number_of(passes, f"f_m{joint}")
         assert abs(viscous - of_passes) < FAR * np.hypot(viscous_std, std_of_passes)
 
 

@@ -52,7 +52,7 @@ def nearest(found: Sequence[float], wanted: float) -> float:
 @pytest.mark.slow
 @needs_bench
 def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
-    """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and is told."""
+    """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(BENCH_STUDY), "--run", str(tmp_path), "-q", *options]) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -136,7 +136,7 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Pat
 @pytest.mark.slow
 @needs_arm
 def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
-    """In units of a sampling rate that nobody wrote down: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
+    """In units of a sampling rate that was not recorded: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
     study = ARM_STUDY
     run(study, tmp_path)
     measured, model = measured_and_fitted(study, tmp_path)

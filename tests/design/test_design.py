@@ -1,4 +1,4 @@
-"""From a study to a plan with its forecast: choice, robot time, earlier measurements, what is told and refused."""
+"""From a study to a plan with its forecast: choice, robot time, earlier measurements, what is reported and refused."""
 
 from __future__ import annotations
 
@@ -85,12 +85,12 @@ def _with(**changes: object) -> DesignProblem:
 def test_fits_scatter_as_the_forecast_said() -> None:
     """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
     problem = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
-    told = design(problem).forecast
+    forecasted = design(problem).forecast
     x = []
     for seed in range(30):
         plan = make_plan(problem.excitation, problem.experiment, problem.robot, seed)
         x.append(identify(_measured(problem, plan, seed), problem.robot, problem.fit).x)
-    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(told.covariance))
+    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(forecasted.covariance))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
@@ -278,14 +278,14 @@ def test_noise_levels_may_be_stated_or_taken_from_an_earlier_measurement() -> No
     problem = replace(_with(candidates=CandidateSpec(given={"a": (0.1, 0.9)}), count=1), experiment=home)
     assert problem.design is not None
 
-    def told(**level: object) -> np.ndarray:
+    def forecasted(**level: object) -> np.ndarray:
         assert problem.design is not None
         spec = replace(problem.design, noise=LevelSpec(**level))  # type: ignore[arg-type]
         fit = replace(problem.fit, weights=WeightSpec(floor=0.0))
         return design(replace(problem, design=spec, fit=fit)).forecast.std
 
-    np.testing.assert_allclose(told(absolute=2e-3), 2 * told(absolute=1e-3), rtol=0.2)
-    assert np.all(told(distortion=0.05) > told())
+    np.testing.assert_allclose(forecasted(absolute=2e-3), 2 * forecasted(absolute=1e-3), rtol=0.2)
+    assert np.all(forecasted(distortion=0.05) > forecasted())
     plan = design(replace(problem, design=None)).plan
     like = design(replace(problem, like=tuple(_measured(problem, plan, 5)))).forecast.std
     np.testing.assert_allclose(like, design(problem).forecast.std, rtol=0.4)
@@ -314,14 +314,14 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     problem = replace(
         PROBLEM, design=None, fit=fit, experiment=replace(PROBLEM.experiment, configurations={"a": (0.0, 0.5)})
     )
-    told = design(problem).forecast
-    seen = dict(zip(told.parameters, np.isfinite(told.std), strict=True))
+    forecasted = design(problem).forecast
+    seen = dict(zip(forecasted.parameters, np.isfinite(forecasted.std), strict=True))
     assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
-    direction = dict(zip(told.parameters, told.blind[0], strict=True))
+    direction = dict(zip(forecasted.parameters, forecasted.blind[0], strict=True))
     assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
-    assert "cannot determine the combination +0.89 I_upper -0.45 m_upper" in said(told.notes)[0]
-    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in said(told.notes)[1]
+    assert "cannot determine the combination +0.89 I_upper -0.45 m_upper" in said(forecasted.notes)[0]
+    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in said(forecasted.notes)[1]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
     note = said(design(replace(problem, fit=alone)).forecast.notes)[0]
     assert "cannot determine c_upper_z: fix it" in note
@@ -367,10 +367,10 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     path, run = study(DESIGN), tmp_path / "run"
     figures = ["--set", "report.formats=[png]"]
     assert run_command(["run", str(path), "--run", str(run), "-q", "--jobs", "1", *figures]) == 0
-    plan, told = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
+    plan, forecasted = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
     assert sum(plan.realisations) == 4
-    assert told is not None
-    assert told.parameters == ("k_1", "d_1")
+    assert forecasted is not None
+    assert forecasted.parameters == ("k_1", "d_1")
     assert json.loads((run / "summary.json").read_text())["status"] == "converged"
     page = (run / "report.html").read_text()
     assert "chosen among" in page
@@ -402,9 +402,9 @@ def test_a_spectrum_found_for_one_fit_is_found_again_for_another(tiny: Path, tmp
 def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_path: Path) -> None:
     """Where the configurations are given, the plan does not depend on the fit."""
     assert _keeps_records(tiny, tmp_path)
-    told = read_forecast(tmp_path / "plan.h5")
-    assert told is not None
-    assert told.parameters == ("k_1",)
+    forecasted = read_forecast(tmp_path / "plan.h5")
+    assert forecasted is not None
+    assert forecasted.parameters == ("k_1",)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Responses of other postures than the study declares are told from measurements that were repeated at one."""
+"""Responses of other postures than the study declares are distinguished from measurements that were repeated at one."""
 
 import math
 from dataclasses import replace

@@ -137,13 +137,13 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
     model, free = plant((0, 2)), parameters()
     A = np.random.default_rng(3).standard_normal((4, 4))
     covariance = 1e-6 * (A @ A.T + np.eye(4))
-    told = uncertain_modes(model, free, X, covariance)
+    stated = uncertain_modes(model, free, X, covariance)
     G, deviation = response_deviation(model, FREQ, free, X, covariance)
     np.testing.assert_allclose(G, frequency_response(model, model.theta_ref, FREQ))
     draws = np.random.default_rng(4).multivariate_normal(X, covariance, 2000)
     found = [modes(model, free.expand(x)) for x in draws]
-    np.testing.assert_allclose(np.std([m.freq_hz for m in found], axis=0), told.freq_std, rtol=0.06)
-    np.testing.assert_allclose(np.std([m.zeta for m in found], axis=0), told.zeta_std, rtol=0.06)
+    np.testing.assert_allclose(np.std([m.freq_hz for m in found], axis=0), stated.freq_std, rtol=0.06)
+    np.testing.assert_allclose(np.std([m.zeta for m in found], axis=0), stated.zeta_std, rtol=0.06)
     drawn = np.array([frequency_response(model, free.expand(x), FREQ[::20]) for x in draws])
     spread = np.sqrt(np.mean(np.abs(drawn - G[::20]) ** 2, axis=0))
     np.testing.assert_allclose(spread, deviation[::20], rtol=0.1)
@@ -152,7 +152,7 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
 def test_a_mode_that_an_undetermined_parameter_moves_has_no_deviation():
     """Infinite where d_a is not known, for the damping that it moves."""
     covariance = np.diag([1e-6, 1e-6, 1e-6, np.inf])
-    told = uncertain_modes(plant(), parameters(), X, covariance)
-    assert np.all(np.isinf(told.zeta_std))
+    stated = uncertain_modes(plant(), parameters(), X, covariance)
+    assert np.all(np.isinf(stated.zeta_std))
     fixed = parameters(d_a=replace(parameters()["d_a"], free=False))
     assert np.all(np.isfinite(uncertain_modes(plant(), fixed, X[:3], covariance[:3, :3]).zeta_std))

@@ -169,7 +169,7 @@ def test_gains_have_names_and_values_that_can_be() -> None:
 
 
 def test_a_study_gives_gains_to_robot_truth_and_fit(tmp_path: Path) -> None:
-    """Listed under chain.gains, told to a simulation, and identified with a prior."""
+    """Listed under chain.gains, given to a simulation, and identified with a prior."""
     (tmp_path / "robot.yml").write_text(f"{ROBOT}chain: {{gains: [{{role: y, at: motor 2, gain: 1.05}}]}}\n")
     text = STUDY.replace("simulated: {}", "simulated: {truth: {gain_y_motor_2: 1.1}}")
     text = text.replace('"k_*": {}', '"k_*": {}, gain_y_motor_2: {prior: {std: 0.1}}, gain_u_motor_1: {start: 0.95}')

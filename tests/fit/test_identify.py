@@ -192,7 +192,7 @@ def test_what_was_left_out_is_said():
 
 
 def test_without_a_measured_variance_the_residuals_set_the_intervals():
-    """0.14 % of noise that nobody measured: intervals near those of the known noise, far below the floor of 1 %."""
+    """0.14 % of noise that was not measured: intervals near those of the known noise, far below the floor of 1 %."""
     (response,) = measure(pendulum(), [(0.0,)])
     rng = np.random.default_rng(4)
     unit = rng.standard_normal(response.G.shape) + 1j * rng.standard_normal(response.G.shape)
@@ -226,7 +226,7 @@ def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
 @pytest.mark.slow
 @pytest.mark.parametrize(("output", "source"), [("joint 2", ""), ("motor 1", ""), ("", "motor 2")])
 def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
-    """Motor, load or torque: the fit far from the truth cannot tell, one that starts again with the other sign can."""
+    """Motor, load or torque: the fit far from the truth does not show it, one started with the other sign does."""
     result = fitted(output, source)
     assert result.status not in TRUSTED  # whether such a fit converges is chance
     name = f"y at {output}" if output else f"u at {source}"
@@ -284,13 +284,13 @@ def test_what_was_written_otherwise_is_named(
 
 @pytest.mark.slow
 def test_a_robot_that_is_known_only_roughly_is_no_misreading(noisy) -> None:
-    """The inertia of a motor 40 % off: told as what the model lacks, not as a mistake of the file."""
+    """The inertia of a motor 40 % off: reported as what the model lacks, not as a mistake of the file."""
     robot = arm().with_parameters({"Jm_1": 1.4 * 2.5e-3})
     result = identify(noisy, robot, FitSpec(starts=3, weights=WeightSpec(floor=0.0), seed=2))
     assert result.model_error > 5
-    (told,) = (word for word in said(result.notes) if word.startswith("Jm_1 -") and "would explain" in word)
+    (cause,) = (word for word in said(result.notes) if word.startswith("Jm_1 -") and "would explain" in word)
     # One linear step from 40 % off.
-    assert float(told.split(" to ")[1].split()[0]) == pytest.approx(2.5e-3, rel=0.1)
+    assert float(cause.split(" to ")[1].split()[0]) == pytest.approx(2.5e-3, rel=0.1)
     assert not any("other sign" in word or "exchanged" in word for word in said(result.notes))
 
 
@@ -325,7 +325,7 @@ def test_one_measurement_under_two_names_is_named(noisy) -> None:
 
 
 def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
-    """A model that is right within 10 % of each element is kept and told to lack something, whatever the noise."""
+    """A model that is right within 10 % of each element is kept and reported to lack something, whatever the noise."""
     (response,) = measure(pendulum(), [(0.0,)])
     quiet = replace(response.noise, variance=1e-8 * np.abs(response.G) ** 2)
     off = 1 + 0.1 * np.random.default_rng(0).standard_normal(response.G.shape)

@@ -327,7 +327,7 @@ def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, for
 
 @pytest.mark.slow
 def test_a_bound_that_holds_most_starts_is_named(data):
-    """The friction starts beside a bound that the optimum is far from; starts that end elsewhere tell."""
+    """The friction starts near a bound that the optimum is far from; starts that end elsewhere show it."""
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)
     result = identify(data, bench(d=0.2), spec)
     assert result.status == "misfit"

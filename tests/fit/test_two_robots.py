@@ -174,8 +174,8 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     (same,) = (word for word in said(result.notes) if "same posture" in word)
     assert same.startswith("the same posture under two names: a1 and b1, a2 and b2, a3 and b3; both count")
     named = replace(plain, robots=ROBOTS)
-    told = identify(both(seed, A, other), arm(k_1=2.5e4), replace(named, seed=seed))
-    (word,) = (word for word in said(told.notes) if "disagree" in word)
+    second = identify(both(seed, A, other), arm(k_1=2.5e4), replace(named, seed=seed))
+    (word,) = (word for word in said(second.notes) if "disagree" in word)
     assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
 

@@ -1,4 +1,4 @@
-"""Fewer experiments in a realisation than motors: the local methods tell inputs apart by neighbouring lines."""
+"""Fewer experiments in a realisation than motors: the local methods distinguish inputs by neighbouring lines."""
 
 from pathlib import Path
 

@@ -55,7 +55,7 @@ def impedance(G: np.ndarray) -> np.ndarray:
 def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coulomb: float) -> None:
     """Friction of 0.16 and 0.3 rms torques adds, beside viscous friction, a reactance that grows with frequency.
 
-    The mean of 600 records shows it; six alone predict it, without being told the friction, to a third.
+    The mean of 600 records shows it; six alone predict it, without knowing the friction, to a third.
     """
     many = rubbing(coulomb, 600)
     mean = estimate(many, EstimatorSpec(), LINES).G[:, 0, 0]

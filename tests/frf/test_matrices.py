@@ -89,7 +89,7 @@ def test_the_positive_part_keeps_positive_eigenvalues_alone(n: int, lines_are_la
 
 @pytest.mark.usefixtures("way")
 def test_a_matrix_without_inverse_is_refused_wherever_it_is() -> None:
-    """In a full batch and in the last; the lanes that fill it up have no inverse, but nobody asks for it."""
+    """In a full batch and in the last; the lanes that fill it up have no inverse, and none is needed."""
     for F, line in ((8, 3), (11, 10)):
         A = circular(np.random.default_rng(F), (F, 3, 3))
         matrices.inverse(A)

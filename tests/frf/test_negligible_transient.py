@@ -60,7 +60,7 @@ def test_a_transient_of_a_hundredth_of_a_percent_stays_where_friction_scatters_t
 
 @pytest.mark.parametrize(("scatter", "transient", "count"), [(3e-3, 3e-2, M), (1e-6, 3e-4, M), (3e-3, 3e-4, 1)])
 def test_a_transient_that_matters_is_left_out(scatter: float, transient: float, count: int) -> None:
-    """It is large, or realisations agree, or there is a single one, which does not tell the total."""
+    """It is large, or realisations agree, or there is a single one, which does not show the total."""
     response = estimate(_records(scatter, transient, count), SPEC)
     assert "left out as a transient" in _words(response)
 

@@ -41,7 +41,7 @@ def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
 
 
 def test_two_periods_are_never_split() -> None:
-    """With two periods nobody can say which is the bad one."""
+    """With two periods the bad one cannot be identified."""
     record = steady_record(2)
     kept, notes = _kept(replace(record, y=record.y * np.linspace(2, 1, 2 * N)[:, None]))
     assert (kept, notes) == ([0, 1], ())

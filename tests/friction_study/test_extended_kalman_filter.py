@@ -84,7 +84,7 @@ def test_pieces_of_a_log_give_the_track_of_the_whole(kalman: KalmanFilter) -> No
 
 
 def test_constant_speed_cannot_tell_friction_from_an_error_of_gravity(kalman: KalmanFilter) -> None:
-    """The weakest direction is named; reversals tell it."""
+    """The weakest direction is named; reversals determine it."""
     run = simulate(np.concatenate([np.linspace(0, 40, 500), np.full(7500, 40.0)]), seed=4)
     track = followed(kalman, run)
     first = first_estimate(FOLLOWED, 0.0)

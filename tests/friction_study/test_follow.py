@@ -22,7 +22,7 @@ def notes(found: FollowedFriction) -> dict[str, str]:
 
 
 def test_constant_speed_says_what_it_cannot_know() -> None:
-    """Whether Coulomb friction or an offset takes the torque; reversals tell it."""
+    """Coulomb friction and an offset are distinguished by reversals."""
     said = notes(followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4)))
     assert "Fc and offset cannot be distinguished (correlation -0.9" in said["not-distinguished"]
     assert "reversals distinguish Coulomb friction from an offset" in said["not-distinguished"]

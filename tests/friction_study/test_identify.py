@@ -36,7 +36,7 @@ def found() -> FrictionResult:
 
 
 def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
-    """Each within its interval of 99.9 %; parts that one load and no thermometer cannot tell are held with reasons."""
+    """Each within its interval of 99.9 %; parts that one load and no thermometer cannot show are held with reasons."""
     numbers = {number.name: number for number in found.numbers}
     assert {"Fc_m1", "Fs_m1", "vs_m1", "f_m1"} <= set(numbers)
     for name in ("Fc_m1", "Fs_m1", "vs_m1", "f_m1"):

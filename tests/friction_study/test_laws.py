@@ -1,4 +1,4 @@
-"""The law that levels tell, what they cannot tell, and the robot's file that holds it."""
+"""The law that levels determine, what they cannot determine, and the robot's file that holds it."""
 
 from __future__ import annotations
 
@@ -65,8 +65,10 @@ def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribec
     law = StaticLaw.of(drawn(published_levels(tuple(np.geomspace(25, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
     assert not {"stiction", "stribeck_velocity"} & set(law.names)
     assert "stribeck" in reasons(law)
-    told = StaticLaw.of(drawn(published_levels(tuple(np.geomspace(2, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
-    assert told.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
+    static_law = StaticLaw.of(
+        drawn(published_levels(tuple(np.geomspace(2, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec()
+    )
+    assert static_law.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
 
 
 def plain(n: int = 12, uneven: float = 0.0) -> Levels:

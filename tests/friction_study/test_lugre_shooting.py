@@ -1,6 +1,6 @@
 """LuGre friction of an elastic joint from its motor's angle and torque.
 
-What a law from passes and responses at rest tell of a LuGre law beforehand.
+The search starts from a law of passes and of responses at rest.
 """
 
 from __future__ import annotations

@@ -177,7 +177,7 @@ def test_without_coupling_a_shaft_is_a_spring_times_ratio_squared():
     ],
 )
 def test_gears_that_cannot_be_are_refused(gears, says):
-    """Unknown joints, couplings given twice, motors that no longer tell the joints apart."""
+    """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
     with pytest.raises(ValueError, match=says):
         replace(wrist(), gears=tuple(gears))
 

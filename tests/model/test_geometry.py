@@ -134,7 +134,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
     scale = np.abs(G).max(axis=0)
     found = replace(linearisation, point=None)  # responses alone
 
-    def anew(place: int, by: float) -> np.ndarray:
+    def moved_by(place: int, by: float) -> np.ndarray:
         theta = model.theta.copy()
         theta[place] += by
         there = found.at(at, theta, outputs, "acceleration")
@@ -145,7 +145,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
             continue
         size = max(abs(model.theta[place]), 0.3)
         h = 2e-4 * size
-        near, far = (anew(place, step) - anew(place, -step) for step in (h, 2 * h))
+        near, far = (moved_by(place, step) - moved_by(place, -step) for step in (h, 2 * h))
         difference = (8 * near - far) / (12 * h)
         error = np.abs(dG[place] - difference)
         allowed = 1e-6 * np.maximum(np.abs(difference).max(axis=0), 1e-2 * scale / size)
@@ -306,12 +306,12 @@ def test_pins_and_points_of_loops_move_alike(pin: Pin | None, formulation: str) 
     for name, slope in zip(names, dG, strict=True):
         h, value = 1e-4, robot.parameters(names)[name][0]
 
-        def anew(by: float, name: str = name, value: float = value) -> np.ndarray:
+        def moved_by(by: float, name: str = name, value: float = value) -> np.ndarray:
             fresh = formulate(robot.with_parameters({name: value + by}), spec)
             there = linearise(fresh, at, fresh.theta, fresh.inputs, "acceleration")
             return frequency_response(there, there.theta_ref, LINES)
 
-        difference = (8 * (anew(h) - anew(-h)) - (anew(2 * h) - anew(-2 * h))) / (12 * h)
+        difference = (8 * (moved_by(h) - moved_by(-h)) - (moved_by(2 * h) - moved_by(-2 * h))) / (12 * h)
         assert np.abs(slope - difference).max() < 1e-6 * np.abs(difference).max(), name
     if pin is None or not pin.planar:
         aside = formulate(robot, spec, ("p1_l_y",))

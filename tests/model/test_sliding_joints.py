@@ -113,7 +113,7 @@ def test_stiffer_and_stiffer_elastic_joints_become_the_flexible_joint_model(wher
 
 
 def test_an_elastic_turn_about_the_driven_axis_itself_is_refused():
-    """No inertia is between the two, so that nobody could tell them apart; both are named."""
+    """No inertia is between the two, so that they cannot be distinguished; both are named."""
     with pytest.raises(StudyError, match="motion of joint 1, joint rz moves no inertia"):
         response(arm(elastic(1e6, "xyz")))
 

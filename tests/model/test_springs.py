@@ -205,7 +205,7 @@ def test_statics_converge_across_any_gap(rounding: float, b: float, angle: float
 
 
 def test_slopes_follow_the_operating_point() -> None:
-    """dG / dtheta of every parameter equals differences through the whole statics and linearisation anew, to 1e-6."""
+    """dG / dtheta of every parameter equals differences through the whole statics and linearisation, to 1e-6."""
     model = serial(arm())
     linearisation, outputs = Linearisation.of(model), ("motor 1", "motor 2", "joint 2x", "motor 3")
     configuration, freq_hz = Configuration("c", (0.3, -0.7, 0.4)), np.linspace(1, 60, 30)

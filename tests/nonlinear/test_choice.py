@@ -74,7 +74,7 @@ PLACES = ("motor 1", "motor 2")
 
 
 def choice_of(shapes: list[Shape], taken: list[int]) -> Choice:
-    """A choice whose covariance tells its shapes apart: i + 1 on the diagonal."""
+    """A choice whose covariance distinguishes its shapes: i + 1 on the diagonal."""
     motor_of = np.array([PLACES.index(shape.place) for shape in shapes])
     return Choice(tuple(shapes), motor_of, np.ones(2), np.array(taken), np.diag(np.arange(len(shapes)) + 1.0))
 

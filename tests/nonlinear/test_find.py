@@ -166,7 +166,7 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
 
 
 def test_a_structure_without_motors_has_no_word_of_friction() -> None:
-    """Only a study that asks for it is told why it is not taken out."""
+    """Only a study that asks for it gets the reason why it is not taken out."""
     configurations, lines = measured()
     structure = [[replace(r, inputs=("point 1", "point 2")) for r in records] for records in configurations]
     assert find_friction(structure, AUTO, lines).notes == ()

@@ -162,6 +162,6 @@ def test_driven_joints_are_counted_and_found() -> None:
     ],
 )
 def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) -> None:
-    """Its parameters could not be told from those of a body or joint."""
+    """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))

@@ -29,7 +29,7 @@ def test_encoders_count() -> None:
 
 
 def test_drives_clip_to_both_sides() -> None:
-    """A drive without a limit takes what it is told."""
+    """A drive without a limit takes every command."""
     drives = Drives(np.zeros(3), np.array([2.0, 2.0, np.inf]))
     assert np.array(ca.DM(drives.clipped(ca.SX([-5.0, 5.0, 9.0])))).ravel().tolist() == [-2.0, 2.0, 9.0]
 

@@ -364,7 +364,7 @@ def test_no_text_breaks_the_reader(
 
 
 def recorded(tiny: Path, **changes: str) -> Path:
-    """The study with logs in the place of the simulation."""
+    """The study with logs instead of the simulation."""
     (tiny.parent / "logs").mkdir()
     (tiny.parent / "logs" / "one.csv").write_text("u,y\n1,2\n")
     keys = {"at": "motor 1", "y_at": "joint 1", "unit": "A", "file": "logs/one.csv", "configuration": "a"} | changes
@@ -505,14 +505,14 @@ def test_values_that_no_study_holds_are_refused_at_their_place(tiny: Path, value
 def test_of_very_many_errors_the_first_are_told(tiny: Path) -> None:
     """Twenty of them, and how many more there are."""
     tiny.write_text(tiny.read_text() + "".join(f"key_{i}: {i}\n" for i in range(1000)))
-    told = errors(tiny)
-    assert len(told) == 21
-    assert "key_0: unknown key" in told[0]
-    assert told[-1] == "... and 980 further errors"
+    messages = errors(tiny)
+    assert len(messages) == 21
+    assert "key_0: unknown key" in messages[0]
+    assert messages[-1] == "... and 980 further errors"
 
 
 def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
-    """Its own place is told after that."""
+    """Its own place is given after that."""
     (tiny.parent / "words.txt").write_text("root:x:0:0\n")
     first, second = errors(edited(tiny, "robot: robot.yml", "robot: words.txt"))
     line = tiny.read_text().splitlines().index("robot: words.txt") + 1

@@ -124,7 +124,7 @@ def test_a_true_model_is_not_called_coloured_however_many_configurations_there_a
     sets = [[of_one[i] for i in rng.integers(0, 300, 20)] for _ in range(150)]
     assert np.mean([not are_white(one) for one in sets]) < 0.03
     assert np.mean([not one.is_white for one in of_one]) < 0.03
-    # Of any five, one with a delay that the model lacks is enough to tell.
+    # Of any five, one with a delay that the model lacks is enough to show it.
     late = judged(G * np.exp(-2j * np.pi * f * 2e-3)[:, None, None])
     assert not are_white([*of_one[:4], late])
 

@@ -40,7 +40,7 @@ def test_an_equal_fleet_has_false_findings_at_the_stated_rate() -> None:
 
 
 def test_numbers_that_were_held_and_two_robots_tell_no_difference() -> None:
-    """No std, no test; of two robots nobody knows which is the odd one."""
+    """No std, no test; of two robots neither is the odd one."""
     held = [FleetValue(f"r{i}", 0.0, "k_1", 1.0 + i, 0.0) for i in range(5)]
     assert find_changes(held, 0.05) == ()
     pair = [FleetValue(f"r{i}", 0.0, "k_1", 1.0 + i, 0.01) for i in range(2)]

@@ -67,7 +67,7 @@ def regressed(record: FrictionRecord) -> MotionFriction:
 
 
 def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[TwinRun, ...]:
-    """Of the robot's file with the friction that the motion tells, 5 kg too light."""
+    """Of the robot's file with the friction that the motion shows, 5 kg too light."""
     found = regressed(record)
     law = Friction(found.chosen["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])

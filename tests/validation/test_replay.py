@@ -156,7 +156,7 @@ def test_an_output_that_does_not_move_has_no_fit():
 
 
 def test_one_period_with_hardly_a_line_is_replayed_without_its_ends():
-    """Ends have twelve unknowns here; three lines of two outputs do not tell them, and nothing is made up."""
+    """Ends have twelve unknowns here; three lines of two outputs do not determine them, and nothing is made up."""
     u = torque(8)
     found = replay([record(two_axes(), u)], two_axes(), np.zeros(1), (10.0, 11.0), AUTO)
     assert found.worst > 95

@@ -22,7 +22,7 @@ from elastid.store.friction_study import read_filter, read_friction_records, rea
 from elastid.study import load, load_robot
 from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
-# Few and short passes: the least that tells Coulomb and viscous friction.
+# Few and short passes: the least that distinguishes Coulomb and viscous friction.
 SMALL = (
     "friction.rate_hz=500",
     "friction.passes={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",

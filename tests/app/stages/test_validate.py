@@ -48,9 +48,9 @@ def test_the_fitted_robot_moves_as_its_record_when_it_is_simulated(finished):
     twin = read_twin(finished / "run" / "validation.h5", "validation")
     assert [run.drive for run in twin.runs] == ["torque", "reference"]
     assert all(0 < signal.error < 0.05 for run in twin.runs for signal in run.of(MOTION))
-    told = json.loads((finished / "run" / "validation.json").read_text())["twin"]
-    assert [each["driven_by"] for each in told] == ["torque", "reference"]
-    assert [s["error"] for s in told[1]["signals"]] == [s.error for s in twin.runs[1].signals]
+    summary_json = json.loads((finished / "run" / "validation.json").read_text())["twin"]
+    assert [each["driven_by"] for each in summary_json] == ["torque", "reference"]
+    assert [s["error"] for s in summary_json[1]["signals"]] == [s.error for s in twin.runs[1].signals]
     page = (finished / "run" / "report.html").read_text("utf-8")
     assert all(words in page for words in twin.run_words)
 
@@ -68,19 +68,19 @@ def test_configurations_are_left_out_in_turn(finished):
 def test_validation_json_says_what_validation_h5_holds(finished):
     """Replay in percent, errors of configurations left out in turn, errors of the fit; every number the same."""
     found = read_validation(finished / "run" / "validation.h5")
-    told = json.loads((finished / "run" / "validation.json").read_text())
-    assert (told["schema"], told["study"], told["verdict"]) == (1, "tiny", found.verdict)
-    assert [(c["configuration"], c["left_out"]) for c in told["configurations"]] == [("a", False), ("b", False)]
+    summary_json = json.loads((finished / "run" / "validation.json").read_text())
+    assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
+    assert [(c["configuration"], c["left_out"]) for c in summary_json["configurations"]] == [("a", False), ("b", False)]
     summary = json.loads((finished / "run" / "summary.json").read_text())
     keys = ("configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma")
-    assert [{key: c[key] for key in keys} for c in told["configurations"]] == summary["frf_error"]
-    assert [r["fit_percent"] for r in told["replays"]] == [r.fit_percent.tolist() for r in found.replays]
-    assert [r["records"] for r in told["replays"]] == [list(r.records) for r in found.replays]
-    assert told["replayed"] == found.replayed
-    assert [(f["configuration"], f["rms_log_db"]) for f in told["folds"]] == [
+    assert [{key: c[key] for key in keys} for c in summary_json["configurations"]] == summary["frf_error"]
+    assert [r["fit_percent"] for r in summary_json["replays"]] == [r.fit_percent.tolist() for r in found.replays]
+    assert [r["records"] for r in summary_json["replays"]] == [list(r.records) for r in found.replays]
+    assert summary_json["replayed"] == found.replayed
+    assert [(f["configuration"], f["rms_log_db"]) for f in summary_json["folds"]] == [
         (f.configuration, f.rms_log_db) for f in found.folds
     ]
-    assert told["folded"] == found.folded
+    assert summary_json["folded"] == found.folded
 
 
 def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path):
@@ -88,11 +88,11 @@ def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path)
     folder = Path(shutil.copytree(finished, tmp_path / "copy"))
     run = run_of(folder / "study.yml", folder / "run", "validation.folds=2")
     assert run.is_current("validate")
-    told = (folder / "run" / "validation.json").read_bytes()
+    summary_json = (folder / "run" / "validation.json").read_bytes()
     (folder / "run" / "validation.json").unlink()
     assert not run.is_current("validate")
     run_all(run)
-    assert (folder / "run" / "validation.json").read_bytes() == told
+    assert (folder / "run" / "validation.json").read_bytes() == summary_json
     run_stage(run, "fit")
     assert run.is_current("validate")
     run_stage(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), "fit")
@@ -104,11 +104,11 @@ def test_what_was_not_done_is_empty_and_what_failed_is_null(finished):
     run = run_of(finished / "study.yml", finished / "run")
     found = read_validation(finished / "run" / "validation.h5")
     failed = Fold("a", math.nan, math.nan, math.nan, "no start led anywhere")
-    told = validation_summary(run.study.name, replace(found, replays=(), replayed="", folds=(failed,)))
-    assert (told["replays"], told["replayed"]) == ([], "")
-    assert told["folds"][0]["misfit"] is None
-    assert told["folds"][0]["message"] == "no start led anywhere"
-    assert json.dumps(told, allow_nan=False)
+    summary_json = validation_summary(run.study.name, replace(found, replays=(), replayed="", folds=(failed,)))
+    assert (summary_json["replays"], summary_json["replayed"]) == ([], "")
+    assert summary_json["folds"][0]["misfit"] is None
+    assert summary_json["folds"][0]["message"] == "no start led anywhere"
+    assert json.dumps(summary_json, allow_nan=False)
 
 
 def test_without_its_records_a_study_is_still_validated(finished, tmp_path):

@@ -265,7 +265,7 @@ def test_a_lost_robot_is_reported_with_configuration_motor_and_time() -> None:
 
 
 def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed() -> None:
-    """A stiff light joint or strong friction would make the integrator diverge; the study is told before."""
+    """A stiff light joint or strong friction would make the integrator diverge; the study is refused before."""
     simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
     with pytest.raises(StudyError, match=r"substeps: 1 steps a sample .* take at least [2-9]"):
         simulated.measure(simulated.experiments[0])

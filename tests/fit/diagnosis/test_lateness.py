@@ -97,6 +97,6 @@ def test_a_hold_and_a_delay_are_told_apart_by_the_sinc(form: str, factor: Factor
 
 
 def test_a_hold_shows_beside_a_free_delay() -> None:
-    """The delay takes its phase, and the sinc alone tells: T = 5 ms to 5 %."""
+    """The delay takes its phase, and the sinc alone shows it: T = 5 ms to 5 %."""
     found, _ = costs(hold(FREQ, 5e-3), 0, delay=Parameter("delay", 1e-3, lower=0, upper=0.05))
     assert found["any hold"].time == pytest.approx(5e-3, rel=0.05)

@@ -53,7 +53,7 @@ def test_its_effects_on_stiffnesses_are_what_the_fit_with_the_spring_finds() -> 
 
 
 def test_a_softer_spring_needs_no_further_solution() -> None:
-    """A spring of the arm from 1e10 N m/rad to three values in its place: G and dG / d ln k as solved anew."""
+    """A spring of the arm from 1e10 N m/rad to three other values: G and dG / d ln k equal those of a new solution."""
     robot = arm().with_parameters({"k_2z": 1e10, "d_2z": 0.0})
     model, configuration, loss = serial(robot), Configuration("c", CONFIGURATIONS[1]), 1e-3
     linear = linearise(model, configuration, model.theta, robot.motor_locations, "acceleration")

@@ -64,7 +64,7 @@ def test_the_cost_is_the_mahalanobis_distance(form, criterion):
 
 @pytest.mark.parametrize("criterion", ["complex", "log"])
 def test_a_problem_in_another_process_is_the_same(criterion):
-    """It goes there without the covariances that its residuals were compressed with, where nobody needs them again."""
+    """It goes there without the covariances that its residuals were compressed with, where those are not needed."""
     fit = fit_of(correlated(np.random.default_rng(0)), plant(OUTPUTS, INPUTS), FULL, criterion=criterion)
     x, sent = parameters().x + 0.01, pickle.loads(pickle.dumps(fit.problem))
     here, there = fit.problem.evaluate(x), sent.evaluate(x)
@@ -75,7 +75,7 @@ def test_a_problem_in_another_process_is_the_same(criterion):
 
 
 def test_residuals_of_other_data_are_not_taken_over():
-    """What was worked out of a response serves its models alone: with other data or weights it is found anew."""
+    """Sums of a response serve its models alone: with other data or weights they are computed again."""
     (one, other), model = (correlated(np.random.default_rng(seed)) for seed in (0, 1)), plant(OUTPUTS, INPUTS)
     first, second = (fit_of(response, model, FULL) for response in (one, other))
     x = parameters().x

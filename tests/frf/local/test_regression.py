@@ -33,7 +33,7 @@ def test_three_repeats_of_a_sweep_from_rest_are_better_than_one_and_their_varian
 
 
 def test_a_model_that_is_sufficient_keeps_its_variance() -> None:
-    """Two modes of 1 % from rest at 70 dB under random phases, which tell response and transient apart."""
+    """Two modes of 1 % from rest at 70 dB under random phases, which distinguish response and transient."""
     plant, squares = study.TwoModes(), []
     for seed in range(4):
         response = local_response([plant.from_rest(1, 70.0, np.random.default_rng(seed))], study.LRM, plant.excited)
@@ -45,7 +45,7 @@ def test_a_model_that_is_sufficient_keeps_its_variance() -> None:
 
 
 def test_repeats_without_noise_give_the_response_of_one() -> None:
-    """Also with other gains and signs of the sweep; a note tells that they count as one."""
+    """Also with other gains and signs of the sweep; a note says that they count as one."""
     plant, rng = study.SweptAxis(), np.random.default_rng(0)
     one = local_response(plant.measured(1, 2.0, np.inf, rng), SPEC)
     three = local_response(plant.measured(3, 2.0, np.inf, rng, gains=(1.0, -1.0, 0.5)), SPEC)

@@ -396,7 +396,7 @@ def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> None:
-    """Some programs write exp(-j omega t): nothing in one response tells, but no mechanism has such damping."""
+    """Some programs write exp(-j omega t): one response alone does not show it, but no mechanism has such damping."""
     for name in ("a", "b"):
         file = loadmat(elsewhere.with_name(f"{name}.mat"), simplify_cells=True)["G"]
         savemat(

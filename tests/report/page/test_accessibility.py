@@ -38,8 +38,8 @@ FAULTS = """
         level = next;
     });
     all("img").forEach((one) => one.alt.trim() || fault(one, "image without text"));
-    const told = (one) => named(one) || one.querySelector("title");
-    all("svg[role=img]").forEach((one) => told(one) || fault(one, "drawing without text"));
+    const labelled = (one) => named(one) || one.querySelector("title");
+    all("svg[role=img]").forEach((one) => labelled(one) || fault(one, "drawing without text"));
     const controls = all("button, select, input, a[href], summary").filter(seen);
     controls.forEach((one) => named(one) || fault(one, "control without name"));
     const ids = all("[id]").map((one) => one.id);

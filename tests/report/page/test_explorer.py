@@ -284,7 +284,7 @@ def test_the_browser_moves_nothing_on_its_own_for_those_who_want_it_calm(table):
 
 
 def test_the_page_without_scripts_and_on_paper_has_the_table_alone(table):
-    """Plain numbers in the place of the buttons; no drawing that nobody chose on paper."""
+    """Plain numbers instead of the buttons; no drawing on paper that was not chosen."""
     page = table(java_script_enabled=False)
     assert page.locator("tr[data-mode] button").count() == 0
     assert not page.locator("#mode-viewer").is_visible()

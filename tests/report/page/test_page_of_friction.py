@@ -23,7 +23,7 @@ def page() -> str:
 
 
 def test_the_answer_stands_first(page: str) -> None:
-    """Numbers with intervals and what is not identifiable; parts that nobody asked for are no lack."""
+    """Numbers with intervals and what is not identifiable; parts that were not asked for are no lack."""
     said = re.findall(r'<p class="verdict">(.*?)</p>', page)
     assert said == [
         "Joint elbow: F_c = 9.020 ± 0.060 N*m, f = 6.30 ± 0.20 N*m.",

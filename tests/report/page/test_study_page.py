@@ -228,8 +228,8 @@ def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(open
     assert dead == 0
     for i in range(opened.locator(".strip button").count()):
         opened.locator(".strip button").nth(i).click()
-        told = opened.locator(".strip button").nth(i).get_attribute("aria-label")
-        name, element = told.rsplit(": ", 1)[0].split(", ", 1)
+        label_text = opened.locator(".strip button").nth(i).get_attribute("aria-label")
+        name, element = label_text.rsplit(": ", 1)[0].split(", ", 1)
         assert opened.locator("#worst .title").inner_text() == f"{name}: {element}"
 
 
