@@ -39,6 +39,8 @@ class TimeStampLimits:
     min_gap: float = 1.9
     # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
     min_rate_share: float = 0.75
+    # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
+    max_ratio: float = 20.0
 
 
 STAMPS = TimeStampLimits()
@@ -108,13 +110,25 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise DataError(f"{log.where}: its time does not rise; name another channel as time, or leave time out")
     time_s = time_s - time_s[0]
-    steps, grid = TimeSteps.of(time_s), even_grid(time_s)
+    steps = TimeSteps.of(time_s)
+    _check_span(time_s, steps, rate_hz, log)
+    grid = even_grid(time_s)
     if grid is not None:
         rows, own_hz = grid
         if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
             return _with_gaps(signals, rows, log)
         time_s = rows / own_hz
     return _at_instants(time_s, signals, rate_hz, log, steps)
+
+
+def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) -> None:
+    ratio = steps.mean_hz / rate_hz
+    if not 1 / STAMPS.max_ratio < ratio < STAMPS.max_ratio:
+        after = log.time_of(int(np.argmax(np.diff(time_s))))
+        raise DataError(
+            f"{log.where}: its {len(time_s)} time stamps have {steps}, the longest after {after}, and rate_hz is "
+            f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples"
+        )
 
 
 def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
@@ -144,6 +158,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
             f"{log.where}: its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
             f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {advised_hz:g}"
         )
+    knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, share = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
@@ -159,9 +174,12 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
 
 
 def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, float]:
-    """Signals (m, c) at grid_s of the fit, and the largest rms of its residuals over that of a signal."""
+    """Signals (m, c) at grid_s of the fit, and the largest rms of its residuals over that of a signal.
+
+    NaN in blocks of knots without samples, as in a long pause.
+    """
     instants, wanted = time_s * knot_hz, grid_s * knot_hz
-    result = np.empty((len(grid_s), signals.shape[1]))
+    result = np.full((len(grid_s), signals.shape[1]), np.nan)
     squares = np.zeros(signals.shape[1])
     for first in range(0, int(wanted[-1]) + 1, _KNOTS):
         low, high = first - _OVERLAP, first + _KNOTS + _OVERLAP
@@ -171,11 +189,15 @@ def _fitted(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz
         for i in range(signals.shape[1]):
             t, s = instants[used], signals[used, i]
             known = np.isfinite(s)
+            if not known.any():
+                continue
             knots = _knots(t[known], s[known], low, high)
             result[asked, i] = at_times(knots[:, None], wanted[asked] - low, len(knots))[:, 0]
             left = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
             squares[i] += float(np.nansum(left**2))
-    return result, float(np.max(np.sqrt(squares / len(signals)) / np.maximum(np.nanstd(signals, axis=0), 1e-300)))
+    logged = np.isfinite(signals).any(axis=0)
+    size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
+    return result, float(np.max(np.sqrt(squares[logged] / len(signals)) / size, initial=0.0))
 
 
 def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:

@@ -57,6 +57,43 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None
     assert str(TimeSteps.of(t - t[0])) in repaired.findings[0].text
 
 
+def test_a_lower_rate_leaves_frequencies_beyond_its_band_out() -> None:
+    """1 kHz to 500 Hz: 320 Hz, which would be read as 180 Hz, to 1e-5; 100 Hz stays."""
+    t = np.arange(4000) / 1000
+    signals = np.sin(2 * np.pi * np.outer(t, [320.0, 100.0]))
+    repaired = on_grid(t, signals, 500.0, LOG).signals
+    grid = np.arange(len(repaired)) / 500
+    assert np.abs(repaired[100:-100, 0]).max() < 1e-5
+    np.testing.assert_allclose(repaired[100:-100, 1], np.sin(200 * np.pi * grid)[100:-100], atol=1e-5)
+
+
+def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing() -> None:
+    """40 s at 1 kHz, and a channel that was never logged."""
+    t = np.cumsum(np.random.default_rng(6).uniform(0.8e-3, 1.2e-3, 20_000))
+    t[10_000:] += 40.0
+    signals = waves(t, 100.0)
+    signals[:, 1] = np.nan
+    repaired = on_grid(t, signals, 1000.0, LOG)
+    missing = np.isnan(repaired.signals)
+    assert missing[:, 1].all()
+    assert missing[:, 0].sum() == pytest.approx(40_000, abs=3)
+    assert repaired.findings[1].count == missing[:, 0].sum()
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [(1e3, "mean rate 1 Hz"), (1e9, "mean rate 1e-06 Hz"), (1 / 60, "mean rate 60000 Hz")],
+    ids=["ms", "ns", "minutes"],
+)
+def test_stamps_in_another_unit_are_refused_before_anything_is_resampled(unit: float, words: str) -> None:
+    """With the steps and what to do; likewise a clock that jumps by a year."""
+    t = np.arange(5000) / 1000
+    with pytest.raises(DataError, match=f"{words}, the longest .* and rate_hz is 1000; give the time in s"):
+        on_grid(t * unit, t[:, None], 1000.0, LOG)
+    with pytest.raises(DataError, match=r"median 1 ms, .*the longest after sample 2999.* cut a jump off with samples"):
+        on_grid(t + 3e7 * (np.arange(5000) > 2999), t[:, None], 1000.0, LOG)
+
+
 def test_white_noise_grows_little() -> None:
     """By more than a fifth, at instants up to 0.4 of a sample off."""
     t = np.arange(20_000) / 1000 + np.random.default_rng(3).uniform(-4e-4, 4e-4, 20_000)
