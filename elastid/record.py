@@ -108,6 +108,7 @@ class Record:
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
+    starts: repetitions, counted from 0, with which further logs of the same excitation start.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """
@@ -133,6 +134,7 @@ class Record:
     sliding: tuple[str, ...] = ()
     is_periodic: bool = True
     hold_samples: tuple[float, ...] = labelled("samples for which the torque is held", axes="inputs", default=())
+    starts: tuple[int, ...] = labelled("repetitions with which a further log starts", default=())
     input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -261,7 +263,7 @@ class FrictionRecord:
     """One motion of one joint; records of several joints that moved together share their name.
 
     joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; link side, the torque of its
-    motor that acts.  velocity (n,): measured or differentiated, None where it is left to the estimator.
+    motor that acts, with disturbance (n,), the known part of it that is no command.  velocity (n,): measured or differentiated, None where it is left to the estimator.
     temperature (n,): degC, NaN where it is not known, or None.  reference (n,): position that the controller was asked
     for.  link_position (n,): of the joint behind its gear.  Both None where they were not logged.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
@@ -284,6 +286,7 @@ class FrictionRecord:
     torque: FloatArray = labelled("torque of the motor, link side", "{torque_unit}", "sample")
     velocity: FloatArray | None = labelled("velocity of the joint", "{unit}/s", "sample", default=None)
     temperature: FloatArray | None = labelled("temperature of the joint", "degC", "sample", default=None)
+    disturbance: FloatArray | None = labelled("known torque in torque", "{torque_unit}", "sample", default=None)
     reference: FloatArray | None = labelled("position that was asked for", "{unit}", "sample", default=None)
     link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
     there: tuple[int, int] | None = None
@@ -306,7 +309,7 @@ class FrictionRecord:
     def __post_init__(self) -> None:
         """Check shapes and windows."""
         n = len(self.position)
-        for name in ("position", "torque", "velocity", "temperature", "reference", "link_position"):
+        for name in ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position"):
             signal = getattr(self, name)
             if signal is not None and signal.shape != (n,):
                 raise ValueError(

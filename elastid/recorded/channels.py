@@ -30,6 +30,7 @@ from elastid.recorded.repair.time_stamps import on_grid
 class GatheredChannels:
     """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file.
 
+    Known disturbances (role d) stand last.
     period: in samples, not always whole; None without one.
     """
 
@@ -92,7 +93,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
-    keep = _first_of_each(channels)
+    keep = sorted(_first_of_each(channels), key=lambda i: channels[i].role == "d")
     return GatheredChannels(
         signals=signals[:, keep],
         channels=tuple(channels[i] for i in keep),

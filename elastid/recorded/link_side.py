@@ -74,7 +74,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
                 f"{path}: {channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
                 "log's placeholder for missing values"
             )
-        if np.ptp(values) > 0 or channel.role in ("t", "reference"):
+        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference"):
             continue
         same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
         if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
@@ -119,6 +119,24 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
         f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
         "the signal on the link side"
     )
+
+
+def disturbances(channels: Sequence[ChannelSpec], signals: FloatArray, motors: Sequence[str]) -> FloatArray:
+    """Torque (n, n_u) of the known disturbances among signals (n, c) at some motors, 0 where there is none."""
+    total = np.zeros((len(signals), len(motors)))
+    for channel, signal in zip(channels, signals.T, strict=True):
+        if channel.role == "d" and channel.at in motors:
+            total[:, motors.index(channel.at)] += signal
+    return total
+
+
+def unused_reference(recorded: RecordedSpec, place: str) -> tuple[Note, ...]:
+    """A note on references of motions that no controller follows."""
+    names = [channel.name_in_file for channel in recorded.channels if channel.role == "reference"]
+    if not names or recorded.controller is not None:
+        return ()
+    text = f"{', '.join(names)}: the reference is not used, since no controller is given that follows it"
+    return (Note("unused-reference", text, place, severity="information"),)
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:

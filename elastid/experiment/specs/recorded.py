@@ -94,8 +94,11 @@ class FileSpec:
         "estimated together.")] = ""
     realisation: Annotated[int, Key("Number of the phases' realisation, from 0.", "another number for other random "
         "phases; the same phases again add nothing about distortion.")] = 0
-    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "count up within a "
-        "realisation, as many as motors unless a local method is used.")] = 0
+    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0. Files of the same "
+        "configuration, realisation and experiment hold further periods of one excitation and count as one log; each "
+        "has a start of its own, whose transient is left out.", "count up within a "
+        "realisation, as many as motors unless a local method is used; the same numbers for a logger that splits its "
+        "logs, or for a repeat.")] = 0
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, started at other times. Each must hold "
@@ -121,6 +124,11 @@ class FileSpec:
         "a hand thermometer's reading; two of them let friction depend on temperature, three over more than 20 K show "
         "how.")] = None
     # fmt: on
+
+    @property
+    def run(self) -> tuple[str, int, int]:
+        """Configuration, realisation and experiment; files of one run hold further periods of its excitation."""
+        return self.configuration, self.realisation, self.experiment
 
     def __post_init__(self) -> None:
         _check_period(self.period, self.period_samples)
@@ -206,6 +214,19 @@ class RecordedSpec:
         if place.period is None or place.period == "none":
             return None
         return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
+
+    def repeat_refusal(self, file: FileSpec) -> str:
+        """Why an earlier file may not have the same numbers; empty where both have one period, or there is none."""
+        earlier = next(each for each in self.files if each.run == file.run)
+        periods = [self.period_of(each) for each in (earlier, file)]
+        if earlier is file or (periods[0] == periods[1] and periods[0] is not None):
+            return ""
+        why = "have no period by which they could be joined" if None in periods else "have different periods"
+        return (
+            f"{earlier.path} and {file.path} are both configuration {file.configuration}, realisation "
+            f"{file.realisation}, experiment {file.experiment}, but {why}; give each its own numbers (experiment: same "
+            "phases or another input; realisation: other phases)"
+        )
 
     def _check_files_and_rates(self) -> None:
         last = 1 + min((len(file.also) for file in self.files), default=0)
