@@ -254,8 +254,8 @@ class Record:
 
 
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
-# at_rest: a small multisine at standstill.
-Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest"]
+# at_rest: a small multisine at standstill.  run_down: it coasts, one way, against a known inertia.
+Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest", "run_down"]
 
 
 @frozen_value
@@ -263,11 +263,13 @@ class FrictionRecord:
     """One motion of one joint; records of several joints that moved together share their name.
 
     joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; link side, the torque of its
-    motor that acts, with disturbance (n,), the known part of it that is no command.  velocity (n,): measured or differentiated, None where it is left to the estimator.
+    motor that acts.  disturbance (n,): the known part of it that is no command.  velocity (n,): measured or
+    differentiated, None where it is left to the estimator.
     temperature (n,): degC, NaN where it is not known, or None.  reference (n,): position that the controller was asked
     for.  link_position (n,): of the joint behind its gear.  Both None where they were not logged.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
-    load: name of the load.  load_torque: |torque| of the model that the joint carries, 0 where none is known.
+    load: name of the load, payload: its mass.  load_torque: |torque| of the model that the joint carries, 0 where none
+    is known.
     torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
     of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
@@ -293,6 +295,7 @@ class FrictionRecord:
     back: tuple[int, int] | None = None
     speed: float | None = None
     load: str = ""
+    payload: float = labelled("mass at the last frame", "kg", default=0.0)
     load_torque: float = 0.0
     resolution: float = 0.0
     torque_delay_s: float = 0.0

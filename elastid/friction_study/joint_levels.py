@@ -23,15 +23,17 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.levels import levels_of_records
-from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.levels import PassLevels, levels_of_records
+from elastid.friction_study.motion import PASSBAND_HZ, Motion, MotionFriction, MotionSignals, regress_motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
 from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
+from elastid.friction_study.run_down import levels_of_run_downs
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
+from elastid.robot.simplified import with_point_mass
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
@@ -48,6 +50,10 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     notes = [note for record in own for note in record.notes]
     notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
     notes += motion.notes
+    run_downs = measured.of(joint.name, "run_down")
+    if run_downs and not records:
+        coasting = _of_run_downs(robot, joint, run_downs)
+        return JointLevels(joint.name, joint.slides, coasting, friction, notes=(*notes, *coasting.notes))
     if not records and friction is None:
         raise DataError(
             f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
@@ -63,6 +69,21 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
     example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
     return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
+
+
+def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
+    if robot.loops:
+        raise DataError(
+            f"{records[0].place}: robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
+            f"joint {joint.name} there and back"
+        )
+    signals, rigid = [], []
+    for record in records:
+        log = _robot_log(robot, {joint.name: record})
+        signals.append(MotionSignals.of(log.motions[joint.name], PASSBAND_HZ))
+        rigid.append(torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name])
+    loaded = with_point_mass(robot, records[0].payload)
+    return levels_of_run_downs(records, signals, rigid, joint_inertia(loaded, joint, records[0].configuration))
 
 
 @dataclass(frozen=True)

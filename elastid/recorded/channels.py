@@ -76,7 +76,8 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
+    may_rest = ("u",) if file.purpose == "run_down" else ()
+    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]

@@ -120,8 +120,8 @@ class _LogReader:
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
-        by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
-        return self._of_joints(by_place, gathered.rate_hz, tuple(notes))
+        acting = {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        return self._of_joints({**by_place, **acting}, gathered.rate_hz, tuple(notes))
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         names = [joint.name for joint in self.robot.driven]
@@ -164,6 +164,7 @@ class _LogReader:
                 temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
                 speed=self.file.speed,
                 load=self.file.load,
+                payload=self.payload,
                 load_torque=carried.get(joint.name, 0.0),
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,

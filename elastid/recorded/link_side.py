@@ -10,7 +10,7 @@ Where gears couple motors with several joints, each channel is converted by its 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +60,13 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     return T
 
 
-def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[Note, ...]:
-    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move."""
+def check_values(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path, may_rest: Collection[str] = ()
+) -> tuple[Note, ...]:
+    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
+
+    may_rest: further roles of channels that may be constant.
+    """
     still = []
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
@@ -74,7 +79,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
                 f"{path}: {channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
                 "log's placeholder for missing values"
             )
-        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference"):
+        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference", *may_rest):
             continue
         same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
         if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):

@@ -31,7 +31,8 @@ def repair(
 ) -> Repaired:
     """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
 
-    roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are not periodic.  DataError without a repair.
+    roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are
+    not periodic.  DataError without a repair.
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)

@@ -112,9 +112,11 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[Literal["motion", "loops"], Key("Purpose of the motion: passes and any other motion, or loops "
-        "of growing torque before the joint slides.", "loops for logs that reverse before they break away; plateaus "
-        "are not looked for there.")] = "motion"
+    purpose: Annotated[Literal["motion", "loops", "run_down"], Key("Purpose of the motion: passes and any other "
+        "motion, loops of growing torque before the joint slides, or run_down: the joint coasts one way until it "
+        "stands, its drive off or its torque known, and friction is what the inertia of the robot's file does not "
+        "explain.", "loops for logs that reverse before they break away; plateaus are not looked for there; run_down "
+        "where an axis cannot be driven there and back, such as a spindle.")] = "motion"
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
         "one.")] = None
