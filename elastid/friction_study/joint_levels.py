@@ -22,6 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.friction_study.drive_gain import find_gain, gain_note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import PassLevels, levels_of_records
 from elastid.friction_study.motion import PASSBAND_HZ, Motion, MotionFriction, MotionSignals, regress_motion
@@ -60,7 +61,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
             "record them"
         )
     if not records:
-        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
+        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes), gain=motion.gain)
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
     levels = levels_of_records(records, against or motion.has_gravity, turn)
@@ -68,7 +69,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
     example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
-    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
+    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes), motion.gain)
 
 
 def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
@@ -90,13 +91,15 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
 class JointMotion:
     """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes.
 
-    has_gravity: True if gravity that changes with the angle is in the passes.
+    has_gravity: True if gravity that changes with the angle is in the passes.  gain: of the drive and its std, where a
+    payload was once on and once off.
     """
 
     friction: MotionFriction | None
     passes: tuple[FrictionRecord, ...]
     has_gravity: bool
     notes: tuple[Note, ...]
+    gain: tuple[float, float] | None = None
 
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
@@ -114,6 +117,7 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
 
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
+    records = sorted(records, key=lambda record: record.payload)
     against = turns_against_gravity(robot, joint, records[0].configuration)
     problems, passes, notes = list[str](), list[FrictionRecord](), list[Note]()
     friction = None
@@ -123,8 +127,14 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             notes += lone_plateaus(record, own)
         except DataError as error:
             problems.append(str(error))
+    motions, gain = [_motion(record, against) for record in records], None
     try:
-        friction = regress_motion(*(_motion(record, against) for record in records))
+        if len({record.payload for record in records}) > 1:
+            carried = [_payload_torque(robot, record) for record in records]
+            gain = find_gain(motions, carried)
+            motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
+            notes.append(gain_note(joint.name, *gain))
+        friction = regress_motion(*motions)
     except DataError as error:
         problems.append(str(error))
     enough = _enough(passes)
@@ -134,7 +144,15 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
         check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
     notes += [Note("not-evaluated", problem) for problem in problems]
-    return JointMotion(friction, enough, against, tuple(notes))
+    return JointMotion(friction, enough, against, tuple(notes), gain)
+
+
+def _payload_torque(robot: Robot, record: FrictionRecord) -> FloatArray:
+    """The torque (n,) that the payload of a record adds to that of the joint, by the robot's geometry."""
+    log = _robot_log(robot, {record.joint: record})
+    robots = with_point_mass(robot, record.payload), robot
+    loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
+    return loaded - empty
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:

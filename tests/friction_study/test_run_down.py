@@ -115,5 +115,5 @@ def test_a_motion_one_way_names_the_run_down(tmp_path: Path) -> None:
         tmp_path, ["1"], {},
     )  # fmt: skip
     as_motion = replace(measured, records=tuple(replace(record, purpose="motion") for record in measured.records))
-    with pytest.raises(DataError, match="barely moves backwards.*purpose: run_down where it coasts"):
+    with pytest.raises(DataError, match=r"barely moves backwards.*purpose: run_down where it coasts"):
         find_joint_levels(ROBOT, ROBOT.driven, as_motion)
