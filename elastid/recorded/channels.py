@@ -78,6 +78,10 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "run_down" else ()
     notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
+    unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
+    if unused:
+        text = f"{', '.join(unused)}: the reference is not used, since no controller is given that follows it"
+        notes.append(Note("unused-reference", text, severity="information"))
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]

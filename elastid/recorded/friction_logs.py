@@ -23,7 +23,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.link_side import disturbances, to_joints, unused_reference
+from elastid.recorded.link_side import disturbances, to_joints
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.missing import bridged_gaps
@@ -112,7 +112,6 @@ class _LogReader:
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings, *clean.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
-        notes += unused_reference(recorded, f"record {self.name}")
         of_motors = [gathered.channels[i].at for i in torques]
         known = disturbances(gathered.channels, values, of_motors)
         values[:, torques] += known

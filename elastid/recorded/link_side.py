@@ -135,15 +135,6 @@ def disturbances(channels: Sequence[ChannelSpec], signals: FloatArray, motors: S
     return total
 
 
-def unused_reference(recorded: RecordedSpec, place: str) -> tuple[Note, ...]:
-    """A note on references of motions that no controller follows."""
-    names = [channel.name_in_file for channel in recorded.channels if channel.role == "reference"]
-    if not names or recorded.controller is not None:
-        return ()
-    text = f"{', '.join(names)}: the reference is not used, since no controller is given that follows it"
-    return (Note("unused-reference", text, place, severity="information"),)
-
-
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
     """Of each u among the channels, in their order: samples at rate_hz for which it is held, 0 where band-limited.
 

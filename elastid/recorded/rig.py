@@ -17,14 +17,7 @@ from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
-from elastid.recorded.link_side import (
-    check_holds,
-    disturbances,
-    hold_samples,
-    link_side_factor,
-    to_joints,
-    unused_reference,
-)
+from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
@@ -116,7 +109,6 @@ class RecordedRig:
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
-        notes += unused_reference(recorded, where)
         notes += [*drive_notes(channels, signals, N, where), *same_signal_notes(channels, signals, where)]
         if N is not None:
             n = len(gathered.signals)
