@@ -116,5 +116,9 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
         if signal in signals:
             yield Problem((*key_path, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
         signals.add(signal)
-        if channel.role == "d" and not any(each.role == "u" and each.at == channel.at for each in channels):
+        if (
+            channel.role == "d"
+            and channel.at in motors
+            and not any(each.role == "u" and each.at == channel.at for each in channels)
+        ):
             yield Problem((*key_path, "at"), f"no channel of role u is at '{channel.at}', to whose torque d is added")
