@@ -165,14 +165,13 @@ def _repaired(
 
 
 def _check_files(spec: ExperimentSpec, recorded: RecordedSpec, base: Path) -> None:
-    files = recorded.files
-    for file in files:
+    for number, file in enumerate(recorded.files):
         if file.configuration not in spec.configurations:
             raise StudyError(
                 f"file {file.path}: configuration '{file.configuration}' is not under experiment.configurations; "
                 f"there are {', '.join(spec.configurations) or 'none'}"
             )
-        if refused := recorded.repeat_refusal(file):
+        if refused := recorded.repeat_refusal(number):
             raise StudyError(f"file {file.path}: {refused}")
         for path in (file.path, *file.also):
             if not is_log(base / path):

@@ -6,12 +6,12 @@ starts, since each has a transient and a drift of its own.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base import arrays
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
@@ -21,7 +21,11 @@ from elastid.recorded.repair.clock import CLOCK, at_times, delay
 
 @dataclass(frozen=True)
 class SameExcitationLimits:
-    """Limits of the judgement that two logs hold one excitation."""
+    """Limits of the judgement that two logs hold one excitation.
+
+    Of 300 pairs of clean logs with noise of up to 0.6 of the excitation none is refused
+    (tests/recorded/test_several_files.py).
+    """
 
     # Share of an input's power that the first log does not explain, and how many times its noise that must be.
     max_unexplained_share: float = 0.1
@@ -40,36 +44,25 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
 
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.
     """
-    first = _whole_periods(records[0])
-    others = [
-        _in_step(first, each, f"{paths[0]} and {path} are both {first.name}")
-        for each, path in zip(records[1:], paths[1:], strict=True)
-    ]
-    every = [first, *others]
+    first = _moved(records[0], 0.0)
+    both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
+    every = [first, *(_in_step(first, *each) for each in zip(records[1:], both, strict=True))]
     starts = np.cumsum([0, *(each.n_repeats for each in every)]).tolist()
     r = [each.r for each in every if each.r is not None]
-    repairs: dict[str, int] = {}
-    for kind, count in (item for each in every for item in each.repairs.items()):
-        repairs[kind] = repairs.get(kind, 0) + count
+    repairs = sum((Counter(each.repairs) for each in every), Counter())
     counts = ", ".join(f"{each.n_periods} of {path}" for each, path in zip(every, paths, strict=True))
     text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
     note = Note("logs-joined", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=_joined([each.u for each in every]),
-        y=_joined([each.y for each in every]),
-        r=_joined(r) if len(r) == len(every) else None,
+        u=np.concatenate([each.u for each in every]),
+        y=np.concatenate([each.y for each in every]),
+        r=np.concatenate(r) if len(r) == len(every) else None,
         starts=tuple(starts[1:-1]),
         notes=(*dict.fromkeys(note for each in every for note in each.notes), note),
-        repairs=repairs,
+        repairs=dict(repairs),
         left_out=tuple(start + p for start, each in zip(starts, every, strict=False) for p in each.left_out),
     )
-
-
-def _whole_periods(record: Record) -> Record:
-    """Without a last half period, after which the next log would start with the wrong sign."""
-    n = record.n_periods * record.period_samples
-    return _with_signals(record, slice(n)) if n < record.n_samples else record
 
 
 def _in_step(first: Record, record: Record, both: str) -> Record:
@@ -93,11 +86,8 @@ def _in_step(first: Record, record: Record, both: str) -> Record:
         if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
             raise DataError(f"{both}, but at {place} {refused}; {_ADVICE}")
     aligned = _moved(record, lag)
-    u, y = (
-        own + (of_first.mean(axis=0) - own.mean(axis=0))
-        for own, of_first in ((aligned.u, first.u), (aligned.y, first.y))
-    )
-    return replace(aligned, u=u, y=y)
+    u, y = (x.mean(axis=0) - own.mean(axis=0) for x, own in ((first.u, aligned.u), (first.y, aligned.y)))
+    return replace(aligned, u=aligned.u + u, y=aligned.y + y)
 
 
 def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
@@ -122,34 +112,18 @@ def _mean_period(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(record: Record, lag: float) -> Record:
-    """Whole periods from a lag of samples on; a lone period is continued by itself."""
+    """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
     N, L = record.period_samples, record.repeat_samples
     is_whole = abs(lag - round(lag)) <= LIMITS.max_lag
     start = float(round(lag) % N) if is_whole else lag % N
     periods = max(1, int((record.n_samples - start) // N))
     left_out = {int(p - start // L) - i for p in record.left_out for i in (range(2) if start % L else range(1))}
-    moved = replace(record, left_out=tuple(sorted(p for p in left_out if 0 <= p < periods * N // L)))
-    if is_whole and start + periods * N <= record.n_samples:
-        return _with_signals(moved, slice(int(start), int(start) + periods * N))
+    left_out = {p for p in left_out if 0 <= p < periods * N // L}
     times = np.arange(periods * N, dtype=np.float64) + start
-    u, y = (at_times(x, times, float(N)) for x in (record.u, record.y))
-    return replace(moved, u=u, y=y, r=None if record.r is None else at_times(record.r, times, float(N)))
+    is_inside = is_whole and times[-1] < record.n_samples
 
+    def moved(x: FloatArray) -> FloatArray:
+        return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
 
-def _with_signals(record: Record, part: slice) -> Record:
-    r = None if record.r is None else record.r[part]
-    return replace(record, u=record.u[part], y=record.y[part], r=r)
-
-
-def _joined(signals: Sequence[FloatArray]) -> FloatArray:
-    """One after the other (n, c), in a file where they are large."""
-    n = sum(map(len, signals))
-    if n * signals[0].shape[1] < arrays.MIN_LARGE_VALUES:
-        return np.concatenate(signals)
-    result = arrays.empty_in_file((n, signals[0].shape[1]))
-    done = 0
-    for signal in signals:
-        result[done : done + len(signal)] = signal
-        done += len(signal)
-        arrays.release(result)
-    return arrays.read_only(result)
+    r = None if record.r is None else moved(record.r)
+    return replace(record, u=moved(record.u), y=moved(record.y), r=r, left_out=tuple(sorted(left_out)))

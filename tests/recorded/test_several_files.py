@@ -187,7 +187,7 @@ def test_periods_that_are_found_must_agree(tmp_path: Path) -> None:
 
 
 def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
-    """300 pairs of torques with as much noise as signal, of one to four periods."""
+    """300 pairs of torques with noise of up to 0.6 of the excitation, of one to four periods."""
     (tmp_path / "a").mkdir()
     template = record_of(tmp_path / "a", [run(4 * N, 1)])
     rng = np.random.default_rng(4)

@@ -149,11 +149,11 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
             "channels[3].at",
             "motor 3",
         ),
-        ("recorded", CHANNELS, f"{FILES}, {{path: a.csv, configuration: a}}", "", ""),
+        ("recorded", CHANNELS, f"{FILES}, {{path: a.csv, configuration: a, samples: [0, 9]}}", "", ""),
         (
             "recorded",
             CHANNELS,
-            f"{FILES}, {{path: a.csv, configuration: a, period: 3}}",
+            f"{FILES}, {{path: a.csv, configuration: a, period: 3, samples: [0, 9]}}",
             "files[4]",
             "but have different periods; give each its own numbers",
         ),

@@ -217,13 +217,21 @@ class RecordedSpec:
             return None
         return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
 
-    def repeat_refusal(self, file: FileSpec) -> str:
-        """Why an earlier file may not have the same numbers; empty where both have one period, or there is none."""
-        earlier = next(each for each in self.files if each.run == file.run)
-        periods = [self.period_of(each) for each in (earlier, file)]
-        if earlier is file or (periods[0] == periods[1] and periods[0] is not None):
+    def repeat_refusal(self, number: int) -> str:
+        """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
+        file = self.files[number]
+        earlier = next((each for each in self.files[:number] if each.run == file.run), None)
+        if earlier is None:
             return ""
-        why = "have no period by which they could be joined" if None in periods else "have different periods"
+        periods = [self.period_of(each) for each in (earlier, file)]
+        if (file.path, file.samples) in [(each.path, each.samples) for each in self.files[:number]]:
+            why = "are the same samples"
+        elif None in periods:
+            why = "have no period by which they could be joined"
+        elif periods[0] != periods[1]:
+            why = "have different periods"
+        else:
+            return ""
         return (
             f"{earlier.path} and {file.path} are both configuration {file.configuration}, realisation "
             f"{file.realisation}, experiment {file.experiment}, but {why}; give each its own numbers (experiment: same "

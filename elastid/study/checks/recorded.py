@@ -26,8 +26,8 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
     yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
     yield from _check_controller(recorded)
-    for i, file in enumerate(recorded.files):
-        if refused := recorded.repeat_refusal(file):
+    for i in range(len(recorded.files)):
+        if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)
 
 
