@@ -224,7 +224,9 @@ class RecordedSpec:
         if earlier is None:
             return ""
         periods = [self.period_of(each) for each in (earlier, file)]
-        if (file.path, file.samples) in [(each.path, each.samples) for each in self.files[:number]]:
+        if (file.path, file.samples) in [
+            (each.path, each.samples) for each in self.files[:number] if each.run == file.run
+        ]:
             why = "are the same samples"
         elif None in periods:
             why = "have no period by which they could be joined"
