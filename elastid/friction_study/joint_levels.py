@@ -130,7 +130,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     motions, gain = [_motion(record, against) for record in records], None
     try:
         if len({record.payload for record in records}) > 1:
-            carried = [_payload_torque(robot, record) for record in records]
+            carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
             gain = find_gain(motions, carried)
             motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
             notes.append(gain_note(joint.name, *gain))
@@ -147,10 +147,10 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     return JointMotion(friction, enough, against, tuple(notes), gain)
 
 
-def _payload_torque(robot: Robot, record: FrictionRecord) -> FloatArray:
-    """The torque (n,) that the payload of a record adds to that of the joint, by the robot's geometry."""
+def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
+    """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
     log = _robot_log(robot, {record.joint: record})
-    robots = with_point_mass(robot, record.payload), robot
+    robots = with_point_mass(robot, mass), robot
     loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
     return loaded - empty
 

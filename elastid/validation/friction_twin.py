@@ -68,8 +68,9 @@ def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords
 
 
 def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
-    """The log of a regression, whose torque holds the rigid body."""
-    return next(record for record in records if np.array_equal(record.position, motion.motion.position))
+    """The log of a regression, whose torque holds the rigid body, with the smallest payload."""
+    lightest = sorted(records, key=lambda record: record.payload)
+    return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
 
 
 def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
