@@ -108,6 +108,7 @@ class Record:
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
+    starts: repetitions, counted from 0, with which further logs of the same excitation start.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """
@@ -133,6 +134,7 @@ class Record:
     sliding: tuple[str, ...] = ()
     is_periodic: bool = True
     hold_samples: tuple[float, ...] = labelled("samples for which the torque is held", axes="inputs", default=())
+    starts: tuple[int, ...] = labelled("repetitions with which a further log starts", default=())
     input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -252,8 +254,8 @@ class Record:
 
 
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
-# at_rest: a small multisine at standstill.
-Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest"]
+# at_rest: a small multisine at standstill.  run_down: it coasts, one way, against a known inertia.
+Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest", "run_down"]
 
 
 @frozen_value
@@ -261,11 +263,13 @@ class FrictionRecord:
     """One motion of one joint; records of several joints that moved together share their name.
 
     joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; link side, the torque of its
-    motor that acts.  velocity (n,): measured or differentiated, None where it is left to the estimator.
+    motor that acts.  disturbance (n,): the known part of it that is no command.  velocity (n,): measured or
+    differentiated, None where it is left to the estimator.
     temperature (n,): degC, NaN where it is not known, or None.  reference (n,): position that the controller was asked
     for.  link_position (n,): of the joint behind its gear.  Both None where they were not logged.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
-    load: name of the load.  load_torque: |torque| of the model that the joint carries, 0 where none is known.
+    load: name of the load, payload: its mass.  load_torque: |torque| of the model that the joint carries, 0 where none
+    is known.
     torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
     of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
@@ -284,12 +288,14 @@ class FrictionRecord:
     torque: FloatArray = labelled("torque of the motor, link side", "{torque_unit}", "sample")
     velocity: FloatArray | None = labelled("velocity of the joint", "{unit}/s", "sample", default=None)
     temperature: FloatArray | None = labelled("temperature of the joint", "degC", "sample", default=None)
+    disturbance: FloatArray | None = labelled("known torque in torque", "{torque_unit}", "sample", default=None)
     reference: FloatArray | None = labelled("position that was asked for", "{unit}", "sample", default=None)
     link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
     speed: float | None = None
     load: str = ""
+    payload: float = labelled("mass at the last frame", "kg", default=0.0)
     load_torque: float = 0.0
     resolution: float = 0.0
     torque_delay_s: float = 0.0
@@ -306,7 +312,7 @@ class FrictionRecord:
     def __post_init__(self) -> None:
         """Check shapes and windows."""
         n = len(self.position)
-        for name in ("position", "torque", "velocity", "temperature", "reference", "link_position"):
+        for name in ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position"):
             signal = getattr(self, name)
             if signal is not None and signal.shape != (n,):
                 raise ValueError(

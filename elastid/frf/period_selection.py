@@ -7,7 +7,7 @@ Each channel of each period has a distance from the other periods, relative to t
 and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient that is
 negligible against the total standard deviation stays (negligible_transient).
 
-The periods at the start that differ, n_t of P, change the equation error of the mean by
+The periods at the start of a log that differ, n_t of P, change the equation error of the mean by
 
 .. math:: \Delta V = \frac{n_t}{P} \left[(\bar Y_t - \bar Y_s) - G (\bar U_t - \bar U_s)\right]
 
@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -73,11 +74,11 @@ class TotalError:
         return TotalError(self.G[of_G], self.variance[of_G], self.lines[::step])
 
 
-def is_negligible(spectra: PeriodSpectra, leading: int, total: TotalError) -> bool:
-    """True if the first `leading` periods of a record change G by far less than it scatters anyway."""
+def is_negligible(spectra: PeriodSpectra, leading: BoolArray, total: TotalError) -> bool:
+    """True if the `leading` periods (P,) of a record's logs change G by far less than it scatters anyway."""
     spectra = spectra.on(total.lines)
-    dY, dU = (X[:leading].mean(axis=0) - X[leading:].mean(axis=0) for X in (spectra.Y, spectra.U))
-    dV = leading / len(spectra.periods) * (dY - np.einsum("fyu,fu->fy", total.G, dU))
+    dY, dU = (X[leading].mean(axis=0) - X[~leading].mean(axis=0) for X in (spectra.Y, spectra.U))
+    dV = leading.mean() * (dY - np.einsum("fyu,fu->fy", total.G, dU))
     groups = min(LIMITS.groups, max(1, len(dV) // LIMITS.lines_in_group))
     error, variance = (
         np.array([part.sum(axis=0) for part in np.array_split(x, groups)]) for x in (np.abs(dV) ** 2, total.variance)
@@ -154,16 +155,18 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
     if P < 2:
         raise DataError(f"record {record.name}: fewer than two periods are left after its repair; measure more")
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
+    bounds = [0, *np.searchsorted(spectra.periods, record.starts).tolist(), P]
+    logs = [np.arange(a, b) for a, b in pairwise(bounds)]
     if spec.transient_periods == "auto":
-        leading, notes = _transient(spectra, compared)
-    elif P - spec.transient_periods >= 2:
-        leading, notes = spec.transient_periods, ()
+        leading, notes = _transient(spectra, compared, logs)
     else:
+        leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
+    settled = used = np.flatnonzero(~leading)
+    if len(settled) < 2:
         raise DataError(
-            f"record {record.name}: transient_periods {spec.transient_periods} leaves "
-            f"{max(0, P - spec.transient_periods)} of {P} periods; at least two are needed for the noise level"
+            f"record {record.name}: transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; "
+            "at least two are needed for the noise level"
         )
-    settled = used = np.arange(leading, P)
     far = settled[:0]
     more: tuple[Note, ...] = ()
     if len(settled) >= LIMITS.periods and not compared.agree:
@@ -172,7 +175,9 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
         more = (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
     if notes and total is not None and is_negligible(spectra, leading, total):
         used = np.arange(P)
-        first = f"first {leading} of {P} periods hold" if leading > 1 else "first period holds"
+        count = int(leading.sum())
+        logs_of = f"{len(logs)} logs' " if len(logs) > 1 else ""
+        first = f"{logs_of}first {count} of {P} periods hold" if count > 1 else "first period holds"
         text = f"the {first} a transient, which is kept: it changes the response by less than a fifth of its total"
         notes = (Note("transient-kept", f"{text} standard deviation", f"record {record.name}", severity="information"),)
     return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
@@ -224,18 +229,28 @@ def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
     return np.asarray((of_good[:, period, (count - 1) // 2] + of_good[:, period, count // 2]).T / 2)
 
 
-def _transient(spectra: PeriodSpectra, compared: Compared) -> tuple[int, tuple[Note, ...]]:
-    """Number of periods at the start that are a transient."""
+def _flags(P: int, chosen: Sequence[IntArray]) -> BoolArray:
+    flags = np.zeros(P, dtype=np.bool_)
+    flags[np.concatenate(chosen)] = True
+    return flags
+
+
+def _transient(
+    spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray]
+) -> tuple[BoolArray, tuple[Note, ...]]:
+    """Flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
     P = len(spectra.periods)
-    later = np.arange(P - max(2, -(-P // 2)), P)
-    if later[0] == 0 or compared.agree:
-        return 0, ()
-    measured = distances(compared, later)
-    leading = int(np.argmin(np.append(measured.far[: later[0]], False)))
-    if leading == 0:
-        return 0, ()
-    note = replace(_note(spectra, np.arange(leading), measured, "a transient"), code=TRANSIENT_LEFT_OUT)
-    if leading == later[0]:
+    halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
+    is_later = ~_flags(P, halves)
+    if is_later.all() or compared.agree:
+        return np.zeros(P, dtype=np.bool_), ()
+    measured = distances(compared, np.flatnonzero(is_later))
+    lengths = [int(np.argmin(np.append(measured.far[half], False))) for half in halves]
+    leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
+    if not leading.any():
+        return leading, ()
+    note = replace(_note(spectra, np.flatnonzero(leading), measured, "a transient"), code=TRANSIENT_LEFT_OUT)
+    if any(0 < n == len(half) for n, half in zip(lengths, halves, strict=True)):
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
 

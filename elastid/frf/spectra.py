@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -24,6 +25,21 @@ Role: TypeAlias = Literal["r", "u", "y"]
 
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
+
+
+def single_logs(record: Record) -> tuple[Record, ...]:
+    """The record of each log of a record; itself where it is of one."""
+    if not record.starts:
+        return (record,)
+    L = record.repeat_samples
+    return tuple(
+        replace(
+            record, name=f"{record.name}, log {i}", u=record.u[a * L : b * L], y=record.y[a * L : b * L], starts=(),
+            r=None if record.r is None else record.r[a * L : b * L], notes=record.notes if i == 1 else (),
+            left_out=tuple(p - a for p in record.left_out if a <= p < b),
+        )
+        for i, (a, b) in enumerate(pairwise((0, *record.starts, record.n_repeats)), start=1)
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,9 +249,11 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     # Averages over a fiftieth of a period suppress encoder noise, and the drift is straight over it.
     window = max(1, round(1 / 50 / 2 * L))
     sign = -1.0 if record.half_wave else 1.0
-    gain = np.empty((P, int(drifts.sum())))
-    for p in range(P):
-        first, last = max(0, p * L - window), min(p * L + window + 1, (P - 1) * L)
+    gain = np.zeros((P, int(drifts.sum())))
+    logs = pairwise((0, *record.starts, P))
+    # Of a log of one repetition no drift is known.
+    for p, start, end in ((p, a, b) for a, b in logs for p in range(a, b) if b - a > 1):
+        first, last = max(start * L, p * L - window), min(p * L + window + 1, (end - 1) * L)
         gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends

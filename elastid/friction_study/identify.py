@@ -27,6 +27,7 @@ from elastid.friction_study.result import (
     JointLevels,
     Status,
     Truth,
+    number_of_gain,
     numbers_at_rest,
     numbers_of_bristles,
     numbers_of_heat,
@@ -108,6 +109,8 @@ def _numbers(
         for number in numbers_of_motion(levels.joint, levels.motion, truth):
             if static is None or number.symbol in ("J", "o", "G", "H"):
                 yield number
+    if levels.gain is not None:
+        yield number_of_gain(levels.joint, *levels.gain)
     if before.at_rest is not None:
         yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
     if before.bristles is not None:

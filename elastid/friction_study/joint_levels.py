@@ -22,16 +22,19 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.friction_study.drive_gain import find_gain, gain_note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.levels import levels_of_records
-from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.levels import PassLevels, levels_of_records
+from elastid.friction_study.motion import PASSBAND_HZ, Motion, MotionFriction, MotionSignals, regress_motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
 from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
+from elastid.friction_study.run_down import levels_of_run_downs
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
+from elastid.robot.simplified import with_point_mass
 
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
@@ -48,13 +51,17 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     notes = [note for record in own for note in record.notes]
     notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
     notes += motion.notes
+    run_downs = measured.of(joint.name, "run_down")
+    if run_downs and not records:
+        coasting = _of_run_downs(robot, joint, run_downs)
+        return JointLevels(joint.name, joint.slides, coasting, friction, notes=(*notes, *coasting.notes))
     if not records and friction is None:
         raise DataError(
             f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
             "record them"
         )
     if not records:
-        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
+        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes), gain=motion.gain)
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
     levels = levels_of_records(records, against or motion.has_gravity, turn)
@@ -62,20 +69,37 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
     example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
-    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes))
+    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes), motion.gain)
+
+
+def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
+    if robot.loops:
+        raise DataError(
+            f"{records[0].place}: robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
+            f"joint {joint.name} there and back"
+        )
+    signals, rigid = [], []
+    for record in records:
+        log = _robot_log(robot, {joint.name: record})
+        signals.append(MotionSignals.of(log.motions[joint.name], PASSBAND_HZ))
+        rigid.append(torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name])
+    loaded = with_point_mass(robot, records[0].payload)
+    return levels_of_run_downs(records, signals, rigid, joint_inertia(loaded, joint, records[0].configuration))
 
 
 @dataclass(frozen=True)
 class JointMotion:
     """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes.
 
-    has_gravity: True if gravity that changes with the angle is in the passes.
+    has_gravity: True if gravity that changes with the angle is in the passes.  gain: of the drive and its std, where a
+    payload was once on and once off.
     """
 
     friction: MotionFriction | None
     passes: tuple[FrictionRecord, ...]
     has_gravity: bool
     notes: tuple[Note, ...]
+    gain: tuple[float, float] | None = None
 
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
@@ -93,6 +117,7 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
 
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
+    records = sorted(records, key=lambda record: record.payload)
     against = turns_against_gravity(robot, joint, records[0].configuration)
     problems, passes, notes = list[str](), list[FrictionRecord](), list[Note]()
     friction = None
@@ -102,8 +127,14 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             notes += lone_plateaus(record, own)
         except DataError as error:
             problems.append(str(error))
+    motions, gain = [_motion(record, against) for record in records], None
     try:
-        friction = regress_motion(*(_motion(record, against) for record in records))
+        if len({record.payload for record in records}) > 1:
+            carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
+            gain = find_gain(motions, carried)
+            motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
+            notes.append(gain_note(joint.name, *gain))
+        friction = regress_motion(*motions)
     except DataError as error:
         problems.append(str(error))
     enough = _enough(passes)
@@ -113,7 +144,15 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
         check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
     notes += [Note("not-evaluated", problem) for problem in problems]
-    return JointMotion(friction, enough, against, tuple(notes))
+    return JointMotion(friction, enough, against, tuple(notes), gain)
+
+
+def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
+    """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
+    log = _robot_log(robot, {record.joint: record})
+    robots = with_point_mass(robot, mass), robot
+    loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
+    return loaded - empty
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:

@@ -166,7 +166,8 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
             if not each.moves(direction):
                 raise DataError(
                     f"motion of {motion.place}: it barely moves {word}, so that friction cannot be distinguished from "
-                    "an offset or gravity; record a motion there and back"
+                    "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
+                    "coasts and its inertia is known"
                 )
     alike, apart = (_regressed(motions, signals, apart) for apart in (False, True))
     refuse_driving(motions[0].place, alike)

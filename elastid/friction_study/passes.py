@@ -354,7 +354,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
 def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
     margin = round(PLATEAUS.margin_s * record.rate_hz)
     start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
-    names = ("position", "torque", "velocity", "temperature", "reference", "link_position")
+    names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
     logged = {name: getattr(record, name) for name in names}
     signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
     return replace(

@@ -25,7 +25,7 @@ from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.record import FrictionRecord
-from elastid.robot import Friction, Robot
+from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
 # partly: stiction of some joint cannot be identified, or none of its numbers.  failed: no friction of any joint.
@@ -56,7 +56,8 @@ class FrictionNumber:
 class JointLevels:
     """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
 
-    example: a pass with the torque that the regression gives it, for the figure over the angle.
+    example: a pass with the torque that the regression gives it, for the figure over the angle.  gain: of the drive,
+    torque logged over torque, and its std.
     """
 
     joint: str
@@ -65,6 +66,7 @@ class JointLevels:
     motion: MotionFriction | None = None
     example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
+    gain: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,12 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
         std = fit.std(name)
         yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
     yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
+
+
+def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
+    """The gain of a drive: torque logged over torque."""
+    learnt, ends = "motions with and without payload", _ends(gain, std)
+    return FrictionNumber(gain_name("u", f"motor {joint}"), "g", "gain of the drive", "1", gain, std, *ends, learnt)
 
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:

@@ -13,7 +13,7 @@ from elastid.frf.distortion import interpolated
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra, period_spectra
+from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import Motion, motion_of
 from elastid.nonlinear.reconstruct import other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
@@ -118,7 +118,7 @@ def gather_configuration(
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
     """
-    records = tuple(measured)
+    records = tuple(log for record in measured for log in single_logs(record))
     first = records[0]
     spectra = spectra_of(records, spec, planned)
     excited = analysed_lines(spectra, spec, planned)

@@ -30,6 +30,7 @@ from elastid.recorded.repair.time_stamps import on_grid
 class GatheredChannels:
     """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file.
 
+    Known disturbances (role d) stand last.
     period: in samples, not always whole; None without one.
     """
 
@@ -75,7 +76,12 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
+    may_rest = ("u",) if file.purpose == "run_down" else ()
+    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0], may_rest)]
+    unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
+    if unused:
+        text = f"{', '.join(unused)}: the reference is not used, since no controller is given that follows it"
+        notes.append(Note("unused-reference", text, severity="information"))
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
@@ -92,7 +98,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
-    keep = _first_of_each(channels)
+    keep = sorted(_first_of_each(channels), key=lambda i: channels[i].role == "d")
     return GatheredChannels(
         signals=signals[:, keep],
         channels=tuple(channels[i] for i in keep),

@@ -23,7 +23,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.link_side import to_joints
+from elastid.recorded.link_side import disturbances, to_joints
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.missing import bridged_gaps
@@ -112,11 +112,15 @@ class _LogReader:
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings, *clean.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
+        of_motors = [gathered.channels[i].at for i in torques]
+        known = disturbances(gathered.channels, values, of_motors)
+        values[:, torques] += known
         by_place: Signals = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
-        return self._of_joints(by_place, gathered.rate_hz, tuple(notes))
+        acting = {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        return self._of_joints({**by_place, **acting}, gathered.rate_hz, tuple(notes))
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         names = [joint.name for joint in self.robot.driven]
@@ -153,11 +157,13 @@ class _LogReader:
                 position=positions[joint.name],
                 torque=signals["u", f"motor {joint.name}", ""],
                 velocity=_signal(signals, "y", joint.name, "velocity"),
+                disturbance=_signal(signals, "d", joint.name),
                 reference=_signal(signals, "reference", joint.name),
                 link_position=_link_position(signals, joint.name),
                 temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
                 speed=self.file.speed,
                 load=self.file.load,
+                payload=self.payload,
                 load_torque=carried.get(joint.name, 0.0),
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,

@@ -10,7 +10,7 @@ Where gears couple motors with several joints, each channel is converted by its 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +60,13 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     return T
 
 
-def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[Note, ...]:
-    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move."""
+def check_values(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path, may_rest: Collection[str] = ()
+) -> tuple[Note, ...]:
+    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
+
+    may_rest: further roles of channels that may be constant.
+    """
     still = []
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
@@ -74,7 +79,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
                 f"{path}: {channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
                 "log's placeholder for missing values"
             )
-        if np.ptp(values) > 0 or channel.role in ("t", "reference"):
+        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference", *may_rest):
             continue
         same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
         if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
@@ -119,6 +124,15 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
         f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
         "the signal on the link side"
     )
+
+
+def disturbances(channels: Sequence[ChannelSpec], signals: FloatArray, motors: Sequence[str]) -> FloatArray:
+    """Torque (n, n_u) of the known disturbances among signals (n, c) at some motors, 0 where there is none."""
+    total = np.zeros((len(signals), len(motors)))
+    for channel, signal in zip(channels, signals.T, strict=True):
+        if channel.role == "d" and channel.at in motors:
+            total[:, motors.index(channel.at)] += signal
+    return total
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:

@@ -31,7 +31,8 @@ def repair(
 ) -> Repaired:
     """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
 
-    roles: the columns of r, u and y.  check: refuses drivers (n, d) that are not periodic.  DataError without a repair.
+    roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are
+    not periodic.  DataError without a repair.
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
@@ -45,10 +46,11 @@ def repair(
     if np.isfinite(signals).all() and is_reported and not in_step.findings:
         # All that is missing is the end of the second repetition, or repetitions with a stop.
         full = replace(full, findings=())
-    clean = despiked(full.signals, L, sign, log)
+    repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
+    clean = despiked(full.signals, L, sign, repeating)
     as_logged = _bridged(going.signals) if clock.findings else clean.signals
-    reported = (*find_clipping(as_logged, L, log), *find_steps(as_logged, L, sign, log))
-    reported += find_drift(clean.signals, drivers, L, sign, log)
+    reported = (*find_clipping(as_logged, L, repeating), *find_steps(as_logged, L, sign, repeating))
+    reported += find_drift(clean.signals[:, : len(repeating.names)], drivers, L, sign, repeating)
     steps = (start, going, clock, in_step, full, clean)
     return Repaired(clean.signals, (*(f for step in steps for f in step.findings), *reported), full.left_out)
 

@@ -17,12 +17,13 @@ from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
-from elastid.recorded.link_side import check_holds, hold_samples, link_side_factor, to_joints
+from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
+from elastid.recorded.several_files import joined_periods
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class RecordedRig:
 
     def __post_init__(self) -> None:
         checked_configurations(self.spec, self.robot)
-        _check_files(self.spec, self._recorded.files, self.base)
+        _check_files(self.spec, self._recorded, self.base)
         _check_channels(self._recorded.channels, self.robot)
         check_holds(self._recorded, self.robot)
         for file in self._recorded.files:
@@ -52,17 +53,21 @@ class RecordedRig:
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
-        """One for each file, in their order."""
+        """One for each file, in their order; files of the same numbers hold further periods of its excitation."""
         configurations = {c.name: c for c in checked_configurations(self.spec, self.robot)}
-        files = self._recorded.files
-        return tuple(Experiment(configurations[f.configuration], f.realisation, f.experiment) for f in files)
+        runs = dict.fromkeys(file.run for file in self._recorded.files)
+        return tuple(Experiment(configurations[name], *numbers) for name, *numbers in runs)
 
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
-        recorded = self._recorded
-        file = recorded.files[[e.name for e in self.experiments].index(experiment.name)]
-        with naming(self.base / file.path, "its values cannot be used as a log; look at them with `elastid inspect`"):
-            return self._in_pieces(experiment, file) or self._as_a_whole(experiment, file)
+        run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
+        files, records = [file for file in self._recorded.files if file.run == run], []
+        unusable = "its values cannot be used as a log; look at them with `elastid inspect`"
+        for file in files:
+            with naming(self.base / file.path, unusable):
+                record = self._in_pieces(experiment, file) or self._as_a_whole(experiment, file, len(files) > 1)
+            records.append(record)
+        return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
@@ -89,17 +94,18 @@ class RecordedRig:
         notes = end_notes(lost, end - start, record.repeat_samples, f"record {record.name}")
         return replace(record, notes=(*record.notes, *notes))
 
-    def _as_a_whole(self, experiment: Experiment, file: FileSpec) -> Record:
+    def _as_a_whole(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, where = gathered.channels, f"record {experiment.name}"
+        where += f", {file.path}" if is_one_of_several else ""
         known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first)
         roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
         places = [channel.at for channel in channels]
         # r in the order of the inputs that it acts on.
         roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
-        repaired, N, rate_hz = _repaired(gathered, roles, recorded, log)
+        repaired, N, rate_hz = _repaired(gathered, roles, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -112,6 +118,7 @@ class RecordedRig:
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
         signals = signals @ to_joints(channels, self.robot).T
+        signals[:, roles["u"]] += disturbances(channels, signals, [places[i] for i in roles["u"]])
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
         return Record(
@@ -141,34 +148,31 @@ class RecordedRig:
 
 
 def _repaired(
-    gathered: GatheredChannels, roles: Mapping[str, Sequence[int]], recorded: RecordedSpec, log: Log
+    gathered: GatheredChannels,
+    roles: Mapping[str, Sequence[int]],
+    recorded: RecordedSpec,
+    log: Log,
+    is_one_of_several: bool,
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave = gathered.period, recorded.half_wave
     if period is None:
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
-    check = partial(check_repeat, N=N, half_wave=half_wave, log=log)
+    check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
     repaired = repair(gathered.signals, roles, period, half_wave, log, check)
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
 
 
-def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) -> None:
-    paths: dict[tuple[str, int, int], str] = {}
-    for file in files:
+def _check_files(spec: ExperimentSpec, recorded: RecordedSpec, base: Path) -> None:
+    for number, file in enumerate(recorded.files):
         if file.configuration not in spec.configurations:
             raise StudyError(
                 f"file {file.path}: configuration '{file.configuration}' is not under experiment.configurations; "
                 f"there are {', '.join(spec.configurations) or 'none'}"
             )
-        key = (file.configuration, file.realisation, file.experiment)
-        if key in paths:
-            raise StudyError(
-                f"files {paths[key]} and {file.path} are both configuration {key[0]}, realisation {key[1]}, experiment "
-                f"{key[2]}; give each its own numbers (experiment: same phases or another input; realisation: other "
-                "phases)"
-            )
-        paths[key] = file.path
+        if refused := recorded.repeat_refusal(number):
+            raise StudyError(f"file {file.path}: {refused}")
         for path in (file.path, *file.also):
             if not is_log(base / path):
                 raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
@@ -180,7 +184,7 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
         if refused := channel_refusal(channel, channels, robot)[1]:
             raise StudyError(f"{channel.full_name}: {refused}")
         link_side_factor(channel, robot)
-        if channel.role in ("r", "u") and channel.at not in robot.motor_locations:
+        if channel.role in ("r", "u", "d") and channel.at not in robot.motor_locations:
             raise StudyError(
                 f"channel {channel.name_in_file}: {channel.role} acts at '{channel.at}', where no motor is; "
                 f"there are {', '.join(robot.motor_locations)}"
@@ -192,6 +196,8 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     for role, place, _ in signals:
         if signals.count((role, place, 1)) > 1:
             raise StudyError(f"two channels have role {role} at {place}; keep one of them")
+    if alone := {channel.at for channel in channels if channel.role == "d"} - set(places["u"]):
+        raise StudyError(f"role d acts at {', '.join(sorted(alone))}, whose torque (role u) is not among the channels")
     if places["r"] and set(places["r"]) != set(places["u"]):
         raise StudyError(
             f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "

@@ -68,8 +68,9 @@ def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords
 
 
 def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
-    """The log of a regression, whose torque holds the rigid body."""
-    return next(record for record in records if np.array_equal(record.position, motion.motion.position))
+    """The log of a regression, whose torque holds the rigid body, with the smallest payload."""
+    lightest = sorted(records, key=lambda record: record.payload)
+    return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
 
 
 def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
@@ -202,14 +203,16 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
         kp = kd * np.array(controller.position_gain, dtype=np.float64)
         ki = 0.0 if controller.integral_time is None else 1 / controller.integral_time
         held = Gains(kp, kd, np.full(n_u, ki))
-        position = log.position.copy()
+        position, known = log.position.copy(), np.zeros_like(own)
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
             position[:, i] = record.reference[: len(position)]
+            if record.disturbance is not None:
+                known[:, i] = record.disturbance[: len(position)]
         velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = kp * (position[0] - log.position[0]) + kd * (velocity[0] - log.velocity[0])
-        acting = np.tile(np.where(held.ki > 0, log.torque[0] - error, 0.0), (len(own), 1))
+        acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
     return commands, free.gains(moving, held)
 

@@ -191,7 +191,7 @@ def test_all_inputs_constant_is_refused(tmp_path: Path, log: dict[str, np.ndarra
     [
         ({"files": (FileSpec("gone.csv", "home"),)}, "log file .*gone.csv is not there"),
         ({"files": (FileSpec("log.csv", "away"),)}, "configuration 'away' is not under .*; there are home"),
-        ({"files": (FileSpec("log.csv", "home"),) * 2}, "are both configuration home, realisation 0, experiment 0"),
+        ({"files": (FileSpec("log.csv", "home"),) * 2}, "are both configuration home, .*, but are the same samples"),
         ({"channels": (U, replace(Y, at="motor 7"))}, "'motor 7' is not a place on robot two axes; there are motor 1"),
         ({"channels": (replace(U, at="joint 1"), Y)}, "u acts at 'joint 1', where no motor is; there are motor 1"),
         ({"channels": (U, replace(Y, at="body arm z"))}, "side: motor needs a gear, and body arm z has none"),

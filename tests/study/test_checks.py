@@ -139,8 +139,23 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
             "recorded",
             f"{CHANNELS}, {{role: reference, at: motor 2, channel: q, quantity: position}}",
             FILES,
-            "channels[3].role",
-            "role reference belongs to studies of friction",
+            "",
+            "",
+        ),
+        (
+            "recorded",
+            f"{CHANNELS}, {{role: d, at: motor 3, channel: push}}",
+            FILES,
+            "channels[3].at",
+            "motor 3",
+        ),
+        ("recorded", CHANNELS, f"{FILES}, {{path: a.csv, configuration: a, samples: [0, 9]}}", "", ""),
+        (
+            "recorded",
+            CHANNELS,
+            f"{FILES}, {{path: a.csv, configuration: a, period: 3, samples: [0, 9]}}",
+            "files[4]",
+            "but have different periods; give each its own numbers",
         ),
         (
             "responses",
@@ -155,7 +170,7 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
 def test_files_and_channels_are_each_given_once(
     study: Path, kind: str, channels: str, files: str, key: str, message: str
 ) -> None:
-    """One signal a channel; one response, or one run, a file; a file for every configuration."""
+    """One signal a channel; one response a file, or periods of one excitation; a file for every configuration."""
     rate = "rate_hz: 500, period: 2, " if kind == "recorded" else ""
     text = study.read_text().replace("simulated: {}", f"{kind}: {{{rate}channels: [{channels}], files: [{files}]}}")
     study.write_text(text)

@@ -43,20 +43,27 @@ def swing(mass: float = 20.0) -> Robot:
 
 @pytest.fixture(scope="module")
 def record() -> FrictionRecord:
-    """Two sines under the cascade, the arm heavier by 5 kg than the robot's file."""
+    return recorded()
+
+
+def recorded(pulse: float = 0.0) -> FrictionRecord:
+    """Two sines under the cascade, the arm heavier by 5 kg than the robot's file; pulses of 0.2 s push its motor."""
     robot = swing(25.0)
     plant, point = exact_plant(robot, EXACT, RATE_HZ, Configuration("start", np.zeros(2)))
     t = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     reference = np.zeros((len(t), 2))
     reference[:, 0] = 0.5 * (1 - np.cos(2 * np.pi * 0.25 * t)) + 0.1 * np.sin(2 * np.pi * 0.8 * t) ** 3
     velocity, still = np.gradient(reference, 1 / RATE_HZ, axis=0), np.zeros_like(reference)
+    pushed = still.copy()
+    pushed[:, 0] = np.where(t % 1.7 > 1.5, pulse, 0.0)
     gains = Gains(np.array([12000.0, 12000.0]), np.array([400.0, 400.0]), np.array([20.0, 0.0]))
-    run = simulate(plant.loop, gains, Commands(reference, velocity, still, still, still), point.q)
+    run = simulate(plant.loop, gains, Commands(reference, velocity, pushed, still, still), point.q)
     noise = TORQUE_STD * np.random.default_rng(1).standard_normal(len(t))
     link = run.q[:, plant.model.index("joint 1")]
     return FrictionRecord(
         "log", "1", "motion", RATE_HZ, run.reading[:, 0], run.u[:, 0] + noise, reference=reference[:, 0],
         link_position=link, configuration=Configuration("log", np.zeros(2)),
+        disturbance=pushed[:, 0] if pulse else None,
     )  # fmt: skip
 
 
@@ -95,6 +102,13 @@ def test_without_a_controller_or_a_reference_the_torque_alone_drives(record: Fri
     assert [run.drive for run in runs_of(replace(record, reference=None), CASCADE)] == ["torque"]
     (run,) = runs_of(replace(record, link_position=None), None)
     assert not run.of(LINK)
+
+
+def test_known_pulses_push_the_twin_as_well() -> None:
+    """Under its controller; one that is not pushed has another torque."""
+    pushed = recorded(pulse=60.0)
+    assert runs_of(pushed, CASCADE)[1].of(TORQUE)[0].error < 0.03
+    assert runs_of(replace(pushed, disturbance=None), CASCADE)[1].of(TORQUE)[0].error > 0.1
 
 
 def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:

@@ -36,10 +36,12 @@ class ChannelSpec:
     """
 
     # fmt: off
-    role: Annotated[Literal["r", "u", "y", "t", "reference"], Key("Role of the signal: r injected torque, u acting "
-        "torque, y motion; in studies of friction also t temperature of a joint, and reference: the position of a "
+    role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal: r injected torque, u "
+        "acting torque, d a known disturbance at a motor that is not in its u, which is added to it and need not "
+        "repeat, y motion; in studies of friction also t temperature of a joint, and reference: the position of a "
         "motor that the controller was asked for, by which validation moves the model.", "the torque that reaches the "
-        "motor is u, be it measured or computed from current; what was added to the controller's output is r.")]
+        "motor is u, be it measured or computed from current; what was added to the controller's output is r; a pulse, "
+        "a weight or a hand whose force on the axis was measured is d.")]
     at: Annotated[PlaceName, Key("Place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; "
         "`accelerometer tool x` for a sensor that feels gravity); without a robot any name, such as `shaker` or `tip "
         "x`.", "where the sensor sits; a motor encoder that the controller shows as joint angle is still at the motor, "
@@ -88,7 +90,7 @@ class ChannelSpec:
         fits_reference = self.role != "reference" or self.quantity == "position"
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
-                f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion, t a "
+                f"role {self.role} does not go with quantity {self.quantity}: r, u, d are torques, y a motion, t a "
                 "temperature, reference a position"
             )
         if self.role == "t" and self.side == "motor":

@@ -94,8 +94,11 @@ class FileSpec:
         "estimated together.")] = ""
     realisation: Annotated[int, Key("Number of the phases' realisation, from 0.", "another number for other random "
         "phases; the same phases again add nothing about distortion.")] = 0
-    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "count up within a "
-        "realisation, as many as motors unless a local method is used.")] = 0
+    experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0. Files of the same "
+        "configuration, realisation and experiment hold further periods of one excitation and count as one log; each "
+        "has a start of its own, whose transient is left out.", "count up within a "
+        "realisation, as many as motors unless a local method is used; the same numbers for a logger that splits its "
+        "logs, or for a repeat.")] = 0
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, started at other times. Each must hold "
@@ -109,9 +112,11 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[Literal["motion", "loops"], Key("Purpose of the motion: passes and any other motion, or loops "
-        "of growing torque before the joint slides.", "loops for logs that reverse before they break away; plateaus "
-        "are not looked for there.")] = "motion"
+    purpose: Annotated[Literal["motion", "loops", "run_down"], Key("Purpose of the motion: passes and any other "
+        "motion, loops of growing torque before the joint slides, or run_down: the joint coasts one way until it "
+        "stands, its drive off or its torque known, and friction is what the inertia of the robot's file does not "
+        "explain.", "loops for logs that reverse before they break away; plateaus are not looked for there; run_down "
+        "where an axis cannot be driven there and back, such as a spindle.")] = "motion"
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
         "one.")] = None
@@ -121,6 +126,11 @@ class FileSpec:
         "a hand thermometer's reading; two of them let friction depend on temperature, three over more than 20 K show "
         "how.")] = None
     # fmt: on
+
+    @property
+    def run(self) -> tuple[str, int, int]:
+        """Configuration, realisation and experiment; files of one run hold further periods of its excitation."""
+        return self.configuration, self.realisation, self.experiment
 
     def __post_init__(self) -> None:
         _check_period(self.period, self.period_samples)
@@ -206,6 +216,29 @@ class RecordedSpec:
         if place.period is None or place.period == "none":
             return None
         return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
+
+    def repeat_refusal(self, number: int) -> str:
+        """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
+        file = self.files[number]
+        earlier = next((each for each in self.files[:number] if each.run == file.run), None)
+        if earlier is None:
+            return ""
+        periods = [self.period_of(each) for each in (earlier, file)]
+        if (file.path, file.samples) in [
+            (each.path, each.samples) for each in self.files[:number] if each.run == file.run
+        ]:
+            why = "are the same samples"
+        elif None in periods:
+            why = "have no period by which they could be joined"
+        elif periods[0] != periods[1]:
+            why = "have different periods"
+        else:
+            return ""
+        return (
+            f"{earlier.path} and {file.path} are both configuration {file.configuration}, realisation "
+            f"{file.realisation}, experiment {file.experiment}, but {why}; give each its own numbers (experiment: same "
+            "phases or another input; realisation: other phases)"
+        )
 
     def _check_files_and_rates(self) -> None:
         last = 1 + min((len(file.also) for file in self.files), default=0)

@@ -46,7 +46,7 @@ from elastid.frf.local.regression import (
 from elastid.frf.matrices import power
 from elastid.frf.quality import local_modes, measured_response, wide_windows
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra
+from elastid.frf.spectra import RecordSpectra, single_logs
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
 
@@ -86,6 +86,7 @@ def local_response(
 
     Raises DataError where the lines are too few or the experiments do not separate the inputs.
     """
+    records = [log for record in records for log in single_logs(record)]
     first = records[0]
     for record in records:
         if record.left_out:

@@ -148,10 +148,7 @@ def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Probl
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     controller, path = recorded.controller, (*_RECORDED, "controller")
     has_reference = any(channel.role == "reference" for channel in recorded.channels)
-    if controller is None:
-        if has_reference:
-            message = "the reference of the logs is of no use without its controller; give controller, or leave it out"
-            yield Problem((*_RECORDED, "channels"), message, at_key=True)
+    if controller is None:  # a reference alone is of no use, and does no harm: reading the logs says so
         return
     key, refused = controller.refusal(len(study.as_robot().driven))
     if refused:

@@ -25,17 +25,10 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
     yield from check_files(study, recorded.files, path, base)
     yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
-    yield from _check_reference(recorded)
-    runs: dict[tuple[str, int, int], str] = {}
-    for i, file in enumerate(recorded.files):
-        run = (file.configuration, file.realisation, file.experiment)
-        if run in runs:
-            yield Problem(
-                (*path, "files", i),
-                f"{file.path} and {runs[run]} both claim configuration {run[0]}, realisation {run[1]}, experiment "
-                f"{run[2]}; give each file its own realisation or experiment",
-            )
-        runs[run] = file.path
+    yield from _check_controller(recorded)
+    for i in range(len(recorded.files)):
+        if refused := recorded.repeat_refusal(i):
+            yield Problem((*path, "files", i), refused)
 
 
 def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
@@ -49,14 +42,11 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
         )
 
 
-def _check_reference(recorded: RecordedSpec) -> Iterator[Problem]:
-    """Reference and controller are of motions; a multisine is judged under its own torque."""
-    advice = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
+def _check_controller(recorded: RecordedSpec) -> Iterator[Problem]:
+    """A controller is of motions; a multisine is judged under its own torque."""
     if recorded.controller is not None:
+        advice = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
         yield Problem((*_RECORDED, "controller"), f"a controller {advice}", at_key=True)
-    for i, channel in enumerate(recorded.channels):
-        if channel.role == "reference":
-            yield Problem((*_RECORDED, "channels", i, "role"), f"role reference {advice}")
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
@@ -109,7 +99,7 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
     signals: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         key_path: KeyPath = (*path, "channels", i)
-        if channel.role in ("r", "u", "reference") and channel.at not in motors:
+        if channel.role in ("r", "u", "d", "reference") and channel.at not in motors:
             yield unknown((*key_path, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
             yield from check_place((*key_path, "at"), channel.at, places)
@@ -126,3 +116,9 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
         if signal in signals:
             yield Problem((*key_path, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
         signals.add(signal)
+        if (
+            channel.role == "d"
+            and channel.at in motors
+            and not any(each.role == "u" and each.at == channel.at for each in channels)
+        ):
+            yield Problem((*key_path, "at"), f"no channel of role u is at '{channel.at}', to whose torque d is added")

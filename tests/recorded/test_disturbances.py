@@ -1,0 +1,136 @@
+"""A known disturbance at a motor is added to its torque, in responses and in friction, and need not repeat."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.friction_logs import CHANNELS as MOTOR_CHANNELS
+from plants.friction_logs import COULOMB, RATE, ROBOT, VISCOUS, logs, sliding_torque, trapezoids
+from plants.notes import said
+from scipy.signal import lfilter
+
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.channels import ChannelSpec, Structure
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.recorded.friction_logs import read_friction_logs
+from elastid.recorded.rig import RecordedRig
+
+N, P = 250, 8
+SHAKER = (
+    ChannelSpec("u", "shaker", "u", quantity="force", unit="N"),
+    ChannelSpec("y", "tip", "y", quantity="acceleration", unit="m/s^2"),
+)
+PULSES = ChannelSpec("d", "shaker", "d", quantity="force", unit="N", sign=-1)
+SPEC = EstimatorSpec(method="arithmetic", quantity="acceleration", lines="excited")
+
+
+def shaken(folder: Path, channels: tuple[ChannelSpec, ...]) -> np.ndarray:
+    """|G| relative std (F,) of a structure that is shaken periodically, and struck by pulses that do not repeat."""
+    rng = np.random.default_rng(5)
+    lines = np.arange(4, 80, 5)
+    angle = rng.uniform(0, 2 * np.pi, len(lines))
+    u = np.tile(np.cos(2 * np.pi * np.outer(np.arange(N), lines) / N + angle).sum(axis=1), P)
+    d = np.zeros(P * N)
+    for start, width in zip(rng.integers(0, P * N, 12), rng.integers(1, 6, 12), strict=True):
+        d[start : start + width] = 5.0
+    y = lfilter([0, 1, 0.5], [1, -0.9, 0.5], np.tile(u[:N], P + 1) + np.append(np.zeros(N), d))[N:]
+    y += 0.01 * rng.standard_normal(len(y))
+    rows = "\n".join(f"{a:.12g},{-b:.12g},{c:.12g}" for a, b, c in zip(u, d, y, strict=True))
+    (folder / "log.csv").write_text(f"u,d,y\n{rows}\n")
+    recorded = RecordedSpec(100.0, channels, (FileSpec("log.csv", "bench"),), period_samples=N)
+    rig = RecordedRig(Structure.from_channels(channels), ExperimentSpec({"bench": ()}, recorded=recorded), folder)
+    record = rig.measure(rig.experiments[0])
+    if PULSES in channels:
+        np.testing.assert_allclose(record.u[:, 0], u + d, atol=1e-9)
+        assert said(record.notes) == ()
+    noise = estimate([record], SPEC).noise
+    assert noise is not None
+    return np.sqrt(noise.variance[:, 0, 0])
+
+
+def test_pulses_that_are_known_are_no_noise_of_a_response(tmp_path: Path) -> None:
+    """Pulses of one to five samples, none taken for a spike: the std of G is that of the sensor, a tenth and less."""
+    known, unknown = shaken(tmp_path, (*SHAKER, PULSES)), shaken(tmp_path, SHAKER)
+    assert np.median(unknown / known) > 10
+    # Noise of 0.01 in P N samples, lines of amplitude 1.
+    assert np.median(known) == pytest.approx(0.01 * np.sqrt(4 / (P * N)), rel=0.5)
+
+
+def test_a_disturbance_without_a_torque_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("u,d,y\n1,2,3\n")
+    channels = (ChannelSpec("u", "motor 1", "u"), MOTOR_CHANNELS[1], ChannelSpec("d", "motor 2", "d"))
+    spec = logs(FileSpec("log.csv", "home"), channels=channels)
+    with pytest.raises(StudyError, match="motor 2"):
+        RecordedRig(ROBOT, ExperimentSpec({"home": (0.0,)}, recorded=spec.recorded), tmp_path)
+
+
+def pushed(folder: Path, with_pulses: bool) -> tuple[float, float, float]:
+    """Coulomb and viscous friction, and the share of the torque that is left, of an axis pushed by known pulses."""
+    q = trapezoids([0.2, 0.5, 0.35])
+    d = np.zeros(len(q))
+    for start in range(300, len(q) - 300, 700):
+        d[start : start + 150] = 40.0
+    u = sliding_torque(q) - d
+    rows = "\n".join(f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(u, q, d, strict=True))
+    (folder / "log.csv").write_text(f"u,q,d\n{rows}\n")
+    channels = (ChannelSpec("u", "motor 1", "u"), ChannelSpec("y", "motor 1", "q", quantity="position"))
+    known = (ChannelSpec("d", "motor 1", "d"),) if with_pulses else ()
+    measured = read_friction_logs(ROBOT, logs(FileSpec("log.csv"), channels=(*channels, *known)), folder, ["1"], {})
+    (record,) = measured.records
+    if with_pulses:
+        np.testing.assert_allclose(record.torque, u + d, atol=1e-6)
+        np.testing.assert_allclose(record.disturbance, d)
+    else:
+        assert record.disturbance is None
+    motion = find_joint_levels(ROBOT, ROBOT.driven, measured)[0].motion
+    assert motion is not None
+    return motion.chosen["coulomb"], motion.chosen["viscous"], motion.chosen.relative_error
+
+
+def test_pulses_that_are_known_are_no_friction(tmp_path: Path) -> None:
+    """As those of a prismatic axis on which a second actuator pushes."""
+    coulomb, viscous, left = pushed(tmp_path, with_pulses=True)
+    assert coulomb == pytest.approx(COULOMB, rel=0.05)
+    assert viscous == pytest.approx(VISCOUS, rel=0.1)
+    assert left < 0.03
+    assert pushed(tmp_path, with_pulses=False)[2] > 10 * left
+
+
+def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
+    q = trapezoids([0.2, 0.5])
+    rows = "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(sliding_torque(q), q, strict=True))
+    (tmp_path / "log.csv").write_text(f"u,q\n{rows}\n")
+    places = [("u", "u", "torque"), ("y", "q", "position"), ("reference", "q", "position")]
+    channels = tuple(ChannelSpec(role, "motor 1", name, quantity=what) for role, name, what in places)  # type: ignore[arg-type]
+    (record,) = read_friction_logs(ROBOT, logs(FileSpec("log.csv"), channels=channels), tmp_path, ["1"], {}).records
+    assert [(note.code, note.severity) for note in record.notes] == [("unused-reference", "information")]
+    assert record.rate_hz == RATE
+
+
+def test_a_log_of_31_columns_without_headings_and_one_of_seven_joints_in_a_column(tmp_path: Path) -> None:
+    """As controllers of six and of seven joints write them: the same motion of the same joint."""
+    q = trapezoids([0.2, 0.5])
+    u, rng = sliding_torque(q), np.random.default_rng(2)
+    table = rng.standard_normal((len(q), 31))
+    table[:, 0], table[:, 13], table[:, 30] = np.arange(len(q)) / RATE, q, u
+    (tmp_path / "wide.txt").write_text("\n".join(" ".join(f"{x:.9g}" for x in row) for row in table) + "\n")
+    joints = rng.standard_normal((len(q), 7, 2))
+    joints[:, 3] = np.stack([q, u], axis=1)
+    (tmp_path / "long.csv").write_text("\n".join(f"{a:.9g},{b:.9g}" for a, b in joints.reshape(-1, 2)) + "\n")
+    formats = {"wide.txt": (14, 31, {"delimiter": "whitespace"}), "long.csv": (7, 8, {"interleaved": 7})}
+    for path, (of_q, of_u, text) in formats.items():
+        channels = (
+            ChannelSpec("u", "motor 1", column=of_u),
+            ChannelSpec("y", "motor 1", column=of_q, quantity="position"),
+        )
+        keys = {"text": TextFormatSpec(**text)}  # type: ignore[arg-type]
+        spec = logs(FileSpec(path), channels=channels, **keys)
+        (record,) = read_friction_logs(ROBOT, spec, tmp_path, ["1"], {}).records
+        np.testing.assert_allclose(record.position, q, atol=1e-8)
+        np.testing.assert_allclose(record.torque, u, rtol=1e-8, atol=1e-6)

@@ -1,0 +1,200 @@
+"""One excitation in several files: the estimate and its variance are those of one long log of the same periods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plants.notes import said
+from scipy.signal import freqz, lfilter
+
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec, Structure
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
+from elastid.recorded.several_files import joined_periods
+from elastid.response import FrequencyResponse
+
+N, RATE = 240, 100.0
+LINES = np.arange(5, 81, 4)
+# A resonance of 12 Hz with 2 % of damping: its transient takes four periods to vanish.
+POLE = np.exp((-0.02 + 1j) * 2 * np.pi * 12 / RATE)
+B, A = [0.0, 1.0, 0.5], np.poly([POLE, POLE.conj()]).real
+CHANNELS = (
+    ChannelSpec("u", "shaker", "force", quantity="force", unit="N"),
+    ChannelSpec("y", "tip", "acceleration", quantity="acceleration", unit="m/s^2"),
+)
+SPEC = EstimatorSpec(method="arithmetic", quantity="acceleration", lines="excited")
+
+
+def multisine(phases: int = 0) -> np.ndarray:
+    """One period (N,) of unit rms; phases: seed of them."""
+    angle = np.random.default_rng(phases).uniform(0, 2 * np.pi, len(LINES))
+    x = np.cos(2 * np.pi * np.outer(np.arange(N), LINES) / N + angle).sum(axis=1)
+    return np.asarray(x / x.std())
+
+
+def run(samples: int, seed: int, first: int = 0, at_rest: bool = False, noise: float = 0.05) -> np.ndarray:
+    """Force and acceleration (samples, 2) from a sample of the excitation on; at_rest: the structure is before."""
+    force = np.take(multisine(), np.arange(first - 40 * N, first + samples), mode="wrap")
+    if at_rest:
+        force[: 40 * N] = 0.0
+    moved = lfilter(B, A, force)[40 * N :]
+    noisy = moved + noise * np.random.default_rng(seed).standard_normal(samples)
+    return np.stack([force[40 * N :], noisy], axis=1)
+
+
+def study(folder: Path, logs: Sequence[np.ndarray], **keys: Any) -> RecordedRig:
+    """The rig of some logs of one experiment."""
+    for i, log in enumerate(logs):
+        rows = "\n".join(f"{a:.17g},{b:.17g}" for a, b in log)
+        (folder / f"log_{i}.csv").write_text(f"force,acceleration\n{rows}\n")
+    files = tuple(FileSpec(f"log_{i}.csv", "bench") for i in range(len(logs)))
+    recorded = RecordedSpec(**({"rate_hz": RATE, "channels": CHANNELS, "files": files, "period_samples": N} | keys))
+    return RecordedRig(Structure.from_channels(CHANNELS), ExperimentSpec({"bench": ()}, recorded=recorded), folder)
+
+
+def record_of(folder: Path, logs: Sequence[np.ndarray], **keys: Any) -> Record:
+    rig = study(folder, logs, **keys)
+    (experiment,) = rig.experiments
+    return rig.measure(experiment)
+
+
+def errors(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray]:
+    """|error|^2 (F,) of G, and its stated variance."""
+    _, truth = freqz(B, A, response.freq_hz, fs=RATE)
+    assert response.noise is not None
+    return np.abs(response.G[:, 0, 0] - truth) ** 2, response.noise.variance[:, 0, 0]
+
+
+@pytest.mark.parametrize("periods", [1, 2, 4])
+def test_a_log_that_was_split_is_the_log(periods: int, tmp_path: Path) -> None:
+    """Twelve periods in files of one, two or four: the same response, the same variance, to rounding."""
+    whole = run(12 * N, seed=1)
+    (tmp_path / "whole").mkdir()
+    long = estimate([record_of(tmp_path / "whole", [whole])], SPEC)
+    joined = record_of(tmp_path, np.split(whole, 12 // periods))
+    assert joined.starts == tuple(range(periods, 12, periods))
+    parts = estimate([joined], SPEC)
+    np.testing.assert_allclose(parts.G, long.G, rtol=1e-9)
+    assert parts.noise is not None
+    assert long.noise is not None
+    np.testing.assert_allclose(parts.noise.variance, long.noise.variance, rtol=1e-6)
+
+
+def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: Path) -> None:
+    """Each loses the part before its first whole period; a lone period is turned."""
+    logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
+    joined = record_of(tmp_path, logs)
+    assert joined.n_periods == 3 + 2 + 1
+    np.testing.assert_allclose(joined.u[:, 0], np.tile(joined.u[:N, 0], 6), atol=1e-9)
+    assert "the periods of one excitation are those of 3 logs: 3 of log_0.csv, 2 of log_1.csv, 1 of log_2.csv" in [
+        note.text for note in joined.notes
+    ]
+
+
+def test_logs_between_two_samples_are_interpolated(tmp_path: Path) -> None:
+    """A logger that was triggered 0.37 samples late."""
+    first, late = run(4 * N, 1, noise=0.0), run(4 * N, 2, noise=0.0)
+    turns = np.exp(2j * np.pi * np.fft.rfftfreq(4 * N) * 0.37)
+    late = np.fft.irfft(np.fft.rfft(late, axis=0) * turns[:, None], 4 * N, axis=0)
+    joined = record_of(tmp_path, [first, late])
+    assert joined.n_periods == 7
+    np.testing.assert_allclose(joined.y[4 * N :, 0], np.resize(joined.y[: 4 * N, 0], 3 * N), atol=1e-3)
+
+
+def test_every_start_has_a_transient_of_its_own(tmp_path: Path) -> None:
+    """Four logs of ten periods from rest, 5 draws: errors are as large as stated."""
+    ratio = []
+    for seed in range(5):
+        logs = [run(10 * N, 10 * seed + i, at_rest=True) for i in range(4)]
+        error, variance = errors(estimate([record_of(tmp_path, logs)], SPEC))
+        ratio.append(error / variance)
+    # 5 draws of 19 lines, complex: std 0.1.
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_local_method_takes_each_log_as_a_repeat(tmp_path: Path) -> None:
+    """The same as four experiments with the same phases."""
+    logs = [run(5 * N, i, at_rest=True) for i in range(4)]
+    files = tuple(FileSpec(f"log_{i}.csv", "bench", experiment=i) for i in range(4))
+    apart = study(tmp_path, logs, files=files)
+    spec = replace(SPEC, method="local_rational")
+    responses = [
+        estimate([record_of(tmp_path, logs)], spec),
+        estimate([apart.measure(experiment) for experiment in apart.experiments], spec),
+    ]
+    np.testing.assert_allclose(responses[0].G, responses[1].G, rtol=1e-9)
+
+
+def test_the_transient_of_each_start_is_left_out(tmp_path: Path) -> None:
+    logs = [run(10 * N, i, at_rest=True) for i in range(3)]
+    (said_of,) = [
+        text for text in said(estimate([record_of(tmp_path, logs)], SPEC).notes) if "left out as a transient" in text
+    ]
+    numbers = said_of.split("periods ")[1].split(" of 30")[0].replace(" and ", ", ").split(", ")
+    assert {"1", "11", "21"} <= set(numbers)
+    stated = estimate([record_of(tmp_path, logs)], replace(SPEC, transient_periods=5))
+    long = estimate([record_of(tmp_path, [run(15 * N, 9)])], SPEC)
+    assert np.mean(errors(stated)[1] / errors(long)[1]) == pytest.approx(1.0, abs=0.25)
+
+
+def test_half_periods_of_further_logs_have_the_sign_of_the_first(tmp_path: Path) -> None:
+    """Odd lines: logs of three half periods, the second of which starts with the negative one."""
+    logs = [run(3 * N // 2, 1, noise=0.01) + 2.0, run(5 * N // 2, 2, first=N // 2, noise=0.01) - 1.0]
+    joined = record_of(tmp_path, logs, half_wave=True)
+    assert joined.n_repeats == 2 + 4
+    error, variance = errors(estimate([joined], SPEC))
+    assert np.median(error / variance) < 4
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [
+        (2.0 * run(4 * N, 2), r"log_0.csv and log_1.csv are both .*the second log is 2 times that of the first"),
+        (
+            np.tile(multisine(7), 4)[:, None] * [1.0, 0.3],
+            r"log_1.csv .* of the power of the second log is another excitation.* a realisation \(other phases\)",
+        ),
+    ],
+)
+def test_another_excitation_is_refused_with_both_files(second: np.ndarray, words: str, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=words):
+        record_of(tmp_path, [run(4 * N, 1), second])
+
+
+def test_files_without_a_period_in_common_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    logs = [run(4 * N, 1), run(4 * N, 2)]
+    with pytest.raises(StudyError, match=r"log_0.csv and log_1.csv are both configuration bench.*have no period by"):
+        study(tmp_path, logs, period_samples=None)
+    files = (FileSpec("log_0.csv", "bench"), FileSpec("log_1.csv", "bench", period_samples=N // 2))
+    with pytest.raises(StudyError, match="have different periods; give each its own numbers"):
+        study(tmp_path, logs, files=files)
+
+
+def test_periods_that_are_found_must_agree(tmp_path: Path) -> None:
+    other = np.tile(multisine(3)[: N - 20], 4)[:, None] * [1.0, 0.3]
+    with pytest.raises(DataError, match="with periods of 240 and 220 samples at 100 and 100 Hz"):
+        record_of(tmp_path, [run(4 * N, 1), other], period_samples=None, period="find")
+
+
+def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
+    """300 pairs of torques with noise of up to 0.6 of the excitation, of one to four periods."""
+    (tmp_path / "a").mkdir()
+    template = record_of(tmp_path / "a", [run(4 * N, 1)])
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        pair = []
+        for periods in rng.integers(1, 5, 2):
+            u = np.roll(np.tile(multisine(), periods), int(rng.integers(N)))
+            noise = rng.uniform(0, 0.6) * rng.standard_normal(len(u))
+            pair.append(replace(template, u=(u + noise)[:, None], y=u[:, None]))
+        assert joined_periods(pair, ["a.csv", "b.csv"]).n_periods >= 2
