@@ -47,7 +47,8 @@ class FilterThresholds:
     coloured-innovations 6, inconsistent-filter 20.
     """
 
-    nis_band: tuple[float, float] = (0.9, 1.1)  # mean NIS of an honest filter, wider than the chi-squared band
+    # Mean NIS of an honest filter; below 1 where no number drifts, or an encoder at rest shows one count alone.
+    nis_band: tuple[float, float] = (0.5, 1.1)
     around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
     standing_share: float = 0.02  # of the largest velocity: a joint stands below
     max_correlation: float = 0.3  # of innovations from sample to sample; those of white noise have less
