@@ -34,15 +34,12 @@ from elastid.frf.spectra import PeriodSpectra
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of periods that are left out.
-
-    False alarms of 300 clean logs: transient-left-out 5, periods-left-out 1: mostly first ones of a slow wander,
-    the drift of whose end is known from one side only.
-    """
+    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 5, periods-left-out 1."""
 
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
     lines_in_group: int = 5  # at least
+    asymmetry: float = 1.5  # distance of the first period from the second half over that of the last from the first
     periods: int = 5  # an outlier cannot be identified among fewer
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
@@ -232,7 +229,9 @@ def _transient(spectra: PeriodSpectra, compared: Compared) -> tuple[int, tuple[N
         return 0, ()
     measured = distances(compared, later)
     leading = int(np.argmin(np.append(measured.far[: later[0]], False)))
-    if leading == 0:
+    # A slow wander is as far from the other half at its end.
+    backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]
+    if not replace(measured, limit=np.maximum(measured.limit, backwards)).far[0]:
         return 0, ()
     note = replace(_note(spectra, np.arange(leading), measured, "a transient"), code=TRANSIENT_LEFT_OUT)
     if leading == later[0]:
