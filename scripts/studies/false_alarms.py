@@ -87,7 +87,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group negligible_distance spread lines",
+        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread lines",
         "periods-left-out": "periods negligible_distance spread lines",
     },
     "frf.quality.Limits": {
@@ -129,7 +129,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
 START = {"transient-left-out": "the logs of the outside rig begin with its start"}
 OF_FITS = "fit.diagnosis."
 TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
-QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits): ([\w\s,-]+)")
+QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits|postures): ([\w\s,-]+)")
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ Every note of any severity, finding and refusal counts once in a set; that crest
 steadily in one direction is true, and none. The rates are compared with the docstrings of the tables as those of
 false_alarms.py are. The last line is one JSON object.
 
-300 sets, 20 of them followed: encoders of 2^16 to 2^18 counts hide the slowest way back in 4, and break plateaus in 2;
-1 has a spike. Every filter is inconsistent, its NIS too large or too small, and 6 have correlated innovations.
+300 sets, 20 of them followed: encoders of 2^16 to 2^18 counts break plateaus in 2; 1 has a spike. Without bristles, by
+Coulomb friction alone, every filter was inconsistent: it stood where the filter's bristles bent.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
