@@ -15,7 +15,7 @@ quoted count agrees with this run by the 95 % intervals of both, and that no jud
 in more than 1 % of the sets. The last line is one JSON object.
 
 300 sets and 100 fits: in a slow wander the first period, the drift of whose end is known from one side only, looks like
-a transient in 5 sets, and like no repetition in 1; lines next to the wander are left out as weak in 3; 2 have a spike;
+a transient in 3 sets, and like no repetition in 2; lines next to the wander are left out as weak in 3; 2 have a spike;
 the residuals of 2 fits are 1.5 and 1.7 times the noise.
 """
 

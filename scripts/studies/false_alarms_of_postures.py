@@ -8,7 +8,7 @@ axes with gravity, under which gears give by up to some 0.05 rad. Loops are clos
 found; a refusal is an alarm. The rates are compared with the docstrings of the tables as those of false_alarms.py are.
 The last line is one JSON object.
 
-300 postures: none is refused.
+300 postures: none is refused. Before steps below 1e-6 rad were taken whole, 4 were: their loops stayed open.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
