@@ -6,7 +6,7 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -176,7 +176,9 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
 
 def run_all(run: Run) -> None:
     """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
-    _load_for_workers(run, [stage for name, stage in run.stages.items() if not run.is_current(name)])
+    modules = [stage.module for name, stage in run.stages.items() if not run.is_current(name)]
+    if run.jobs > 1 and modules:
+        load_for_workers(modules)
     with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         for name, stage in run.stages.items():
             if run.is_current(name):
@@ -196,7 +198,8 @@ def run_stage(run: Run, name: str) -> None:
     """One stage, current or not; StudyError where a result that it reads is missing or out of date."""
     run.require(name)
     stage = run.stages[name]
-    _load_for_workers(run, [stage])
+    if run.jobs > 1:
+        load_for_workers([stage.module])
     with logged_in(run.folder, run.jobs, run.console), lasting_workers():
         carry_out(run, name)
         if stage.conclude:
@@ -230,11 +233,6 @@ def _report_damage(run: Run, path: Path, stage: Stage) -> None:
         damaged.append(path)
     for each in damaged:
         run.console.warn(f"{each} has changed since it was written; it is made again")
-
-
-def _load_for_workers(run: Run, stages: Sequence[Stage]) -> None:
-    if run.jobs > 1 and stages:
-        load_for_workers([stage.module for stage in stages])
 
 
 def all_cores() -> int:

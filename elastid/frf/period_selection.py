@@ -35,15 +35,12 @@ from elastid.frf.spectra import PeriodSpectra
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of periods that are left out.
-
-    False alarms of 300 clean logs: transient-left-out 5, periods-left-out 1: mostly first ones of a slow wander,
-    the drift of whose end is known from one side only.
-    """
+    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 3, periods-left-out 2."""
 
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
     lines_in_group: int = 5  # at least
+    asymmetry: float = 1.6  # distance of the first period from the second half over that of the last from the first
     periods: int = 5  # an outlier cannot be identified among fewer
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
@@ -244,7 +241,12 @@ def _transient(
     is_later = ~_flags(P, halves)
     if is_later.all() or compared.agree:
         return np.zeros(P, dtype=np.bool_), ()
-    measured = distances(compared, np.flatnonzero(is_later))
+    later = np.flatnonzero(is_later)
+    measured = distances(compared, later)
+    if len(logs) == 1:  # a slow wander is as far from the other half at its end
+        backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]
+        if not replace(measured, limit=np.maximum(measured.limit, backwards)).far[0]:
+            return np.zeros(P, dtype=np.bool_), ()
     lengths = [int(np.argmin(np.append(measured.far[half], False))) for half in halves]
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():

@@ -300,8 +300,9 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 
 def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> tuple[Note, ...]:
-    """A note on the speeds at which a motion slides without a way back."""
-    known = [each.speed for each in passes if each.speed is not None]
+    """A note on the speeds at which a motion slides without a way back, be that a less steady one."""
+    pairs = _pairs(record, _plateaus(record, PLATEAUS.stick_slip_hz), has_gravity=True)
+    known = [*(each.speed for each in passes if each.speed is not None), *(abs(way.velocity) for way, _ in pairs)]
     alone = [
         speed
         for speed in distinct_speeds(_plateaus(record, PLATEAUS.steady_hz))

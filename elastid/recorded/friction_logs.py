@@ -96,6 +96,7 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
+        """One record of each joint that moves in the log; StudyError or DataError where none can be made."""
         channels = self._channels()
         recorded = replace(self.recorded, channels=channels)
         gathered = gather_channels(recorded, self.file, self.base, self.robot)

@@ -15,7 +15,7 @@ quoted count agrees with this run by the 95 % intervals of both, and that no jud
 in more than 1 % of the sets. The last line is one JSON object.
 
 300 sets and 100 fits: in a slow wander the first period, the drift of whose end is known from one side only, looks like
-a transient in 5 sets, and like no repetition in 1; lines next to the wander are left out as weak in 3; 2 have a spike;
+a transient in 3 sets, and like no repetition in 2; lines next to the wander are left out as weak in 3; 2 have a spike;
 the residuals of 2 fits are 1.5 and 1.7 times the noise.
 """
 
@@ -87,7 +87,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group negligible_distance spread lines",
+        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread lines",
         "periods-left-out": "periods negligible_distance spread lines",
     },
     "frf.quality.Limits": {
@@ -129,7 +129,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
 START = {"transient-left-out": "the logs of the outside rig begin with its start"}
 OF_FITS = "fit.diagnosis."
 TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
-QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits): ([\w\s,-]+)")
+QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits|postures): ([\w\s,-]+)")
 
 
 @dataclass(frozen=True)

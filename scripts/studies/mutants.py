@@ -145,6 +145,12 @@ def mirrored(path: Path) -> Path:
     return ROOT / "tests" / inside.parent / f"test_{inside.stem}.py"
 
 
+def changed(path: Path, tree: ast.Module) -> str:
+    """The line of a mutant that differs from the module's."""
+    before = ast.unparse(ast.parse(path.read_text(encoding="utf-8"))).splitlines()
+    return next(new.strip() for old, new in zip(before, ast.unparse(tree).splitlines(), strict=True) if new != old)
+
+
 def module_name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
@@ -176,15 +182,18 @@ def main() -> None:
         counts["modules"] += 1
         test = mirrored(path)
         if not test.exists() or fails(test, None):
-            print(f"{path.relative_to(ROOT)}: no mirrored test that passes", flush=True)
+            words = "its mirrored test fails unchanged" if test.exists() else "has no mirrored test"
+            print(f"{path.relative_to(ROOT)}: {words}", flush=True)
             continue
-        lines = [line for line, tree in trees if not fails(test, MutantLoader(module_name(path), path, tree))]
+        alive = [(line, tree) for line, tree in trees if not fails(test, MutantLoader(module_name(path), path, tree))]
         counts["with a test"] += 1
         counts["mutants"] += len(trees)
-        counts["killed"] += len(trees) - len(lines)
-        counts["with a mutant killed"] += len(lines) < len(trees)
-        for line in lines:
-            print(f"{path.relative_to(ROOT)}:{line}: survives {test.relative_to(ROOT)}", flush=True)
+        counts["killed"] += len(trees) - len(alive)
+        counts["with a mutant killed"] += len(alive) < len(trees)
+        for line, tree in alive:
+            print(
+                f"{path.relative_to(ROOT)}:{line}: survives {test.relative_to(ROOT)}: {changed(path, tree)}", flush=True
+            )
     print(json.dumps(counts))
 
 

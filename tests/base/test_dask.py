@@ -9,7 +9,7 @@ import pytest
 from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.execution import on_dask, ordered, surviving
+from elastid.base.execution import SCHEDULER, on_dask, ordered, surviving
 from elastid.fit.solve.solvers import multistart, spread
 
 distributed = pytest.importorskip("distributed")
@@ -141,7 +141,8 @@ def test_a_text_that_is_no_address_of_a_scheduler_is_refused(address):
 @pytest.mark.parametrize("address", ["127.0.0.1:8786", "tcp://[::1]:8786", "tls://head:1", "inproc://a/1/2", ""])
 def test_the_addresses_that_schedulers_print_are_taken(address):
     with on_dask(address):
-        pass
+        assert SCHEDULER.get() == address
+    assert SCHEDULER.get() == ""
 
 
 def test_an_encrypted_scheduler_without_certificates_is_a_sentence():

@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "studies"))
 from false_alarms import JUDGEMENTS, interval, judged, quoted, tables
 from false_alarms_of_friction import JUDGEMENTS as OF_FRICTION
+from false_alarms_of_postures import JUDGEMENTS as OF_POSTURES
 
 
 def test_clean_logs_of_both_generators_raise_no_alarm() -> None:
@@ -18,7 +19,7 @@ def test_clean_logs_of_both_generators_raise_no_alarm() -> None:
         assert judged(number, 0, "").codes == {}
 
 
-@pytest.mark.parametrize("of_tables", [JUDGEMENTS, OF_FRICTION], ids=["responses", "friction"])
+@pytest.mark.parametrize("of_tables", [JUDGEMENTS, OF_FRICTION, OF_POSTURES], ids=["responses", "friction", "postures"])
 def test_every_judgement_is_of_fields_that_exist_and_is_quoted(of_tables: Mapping[str, Mapping[str, str]]) -> None:
     """The tables are found by themselves; a new one is without a rate until it is in JUDGEMENTS."""
     found = dict(tables())

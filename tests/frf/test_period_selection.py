@@ -96,6 +96,15 @@ def test_periods_of_a_slow_wander_are_kept() -> None:
     assert lost <= 1
 
 
+def test_a_steady_drift_is_no_transient() -> None:
+    """The first of four periods is far from the last two, and the last one as far from the first two."""
+    record = steady_record(4, noise=1e-5)
+    drifting = 1 + 0.01 * np.repeat(np.arange(4), N)[:, None]
+    assert _kept(replace(record, y=record.y * drifting)) == ([0, 1, 2, 3], ())
+    decaying = 1 + 0.01 * np.repeat([1.0, 0.3, 0.0, 0.0], N)[:, None]
+    assert _kept(replace(record, y=record.y * decaying))[0] == [2, 3]
+
+
 def test_noise_free_periods_that_differ_by_rounding_are_all_kept() -> None:
     """A simulation without noise repeats to 1e-9, which is no outlier."""
     record = steady_record(8)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.friction.static import SLIDING_VELOCITY, Curve, Tustin, phi_1
+from elastid.friction.static import SLIDING_VELOCITY, Conditions, Curve, Tustin, columns, phi_1
 
 
 def test_the_growing_part_is_quadratic_and_viscous() -> None:
@@ -73,3 +73,14 @@ def test_under_gaussian_velocity_friction_is_viscous_on_average() -> None:
     density = np.exp(-((v / sigma) ** 2) / 2)
     slope = np.sum(torque(v, F_c) * v * density) / np.sum(v**2 * density)
     np.testing.assert_allclose(slope, np.sqrt(2 / np.pi) * F_c / sigma, rtol=2 * (SLIDING_VELOCITY / sigma) ** 2)
+
+
+@pytest.mark.parametrize(("own", "fading"), [({}, 0.1), ({"load.stribeck_velocity": 0.3}, 0.3)])
+def test_stiction_of_a_load_fades_at_its_own_velocity_or_at_that_of_the_joint(
+    own: dict[str, float], fading: float
+) -> None:
+    """L exp(-(v / v_s)^2)."""
+    v, L = np.array([0.02, 0.1, 0.5]), np.array([10.0, 30.0, 20.0])
+    loaded = Conditions(v, np.zeros(3), L, np.full(3, np.nan))
+    found = columns(loaded, ("load.excess",), {"stribeck_velocity": 0.1, "exponent": 2.0, **own}, 25.0)
+    np.testing.assert_allclose(found[:, 0], L * np.exp(-((v / fading) ** 2)))

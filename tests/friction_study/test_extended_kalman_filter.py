@@ -1,5 +1,6 @@
 """A filter follows friction that warms up, through stops, with bands that hold it."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -116,3 +117,11 @@ def test_half_an_elastic_joint_is_refused() -> None:
     """A spring needs both inertias."""
     with pytest.raises(ValueError, match="both"):
         FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)
+
+
+def test_correlated_torque_noise_keeps_its_variance() -> None:
+    """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
+    joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
+    driving = noise.vector(joint, RATE_HZ)[2]
+    fade = np.exp(-1 / (RATE_HZ * 0.02))
+    assert driving / (1 - fade**2) == pytest.approx(0.3**2)

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, Motion, follow
+from elastid.friction_study.extended_kalman_filter import Estimate, FilterNoise, FollowedJoint, JointSamples, Track
+from elastid.friction_study.follow import FollowedFriction, Motion, consistency, follow
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 NOISE = FilterNoise(COUNT / np.sqrt(12), TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
@@ -32,7 +33,7 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
 def test_a_filter_whose_nis_leaves_its_band_says_so() -> None:
     """At stops, where it takes the bristle for certain; and correlated innovations are said beside it."""
     found = notes(followed(simulate(stops_and_moves(7), 1), noise=replace(NOISE, slip=0.0)))
-    assert "outside 0.9 to 1.1: innovations are larger than expected" in found["inconsistent-filter"]
+    assert "outside 0.5 to 1.1: innovations are larger than expected" in found["inconsistent-filter"]
     assert "give filter.correlation_time" in found["coloured-innovations"]
 
 
@@ -51,3 +52,16 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
         for motions in ([Motion(run, 0.0)], [Motion(short, 0.0), Motion(run, 1.0)])
     )
     assert after.noise == alone.noise
+
+
+def test_innovations_are_judged_in_units_of_their_expected_std() -> None:
+    """e = sqrt(S) (-1)^k has NIS 1 and the autocorrelation -(n - 1) / n, however S varies."""
+    n = 200
+    S = np.geomspace(1.0, 1e4, n)
+    x = np.ones((n, len(FOLLOWED.states)))
+    last = Estimate(x[-1], np.eye(x.shape[1]))
+    track = Track(FOLLOWED, RATE_HZ, x, x, np.ones((n, 3, 3)), np.sqrt(S) * (-1.0) ** np.arange(n), S, last)
+    judged = consistency(track, 0.0)
+    assert judged.nis == pytest.approx(1.0)
+    assert judged.autocorrelation[1] == pytest.approx(-(n - 1) / n)
+    assert not judged.is_white

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.friction_study.passes import passes_of
+from elastid.friction_study.passes import Pass, PassRegression, passes_of
 from elastid.record import FrictionRecord
 
 RATE, SPEED, COUNT = 1000.0, 0.4, 2e-5
@@ -44,3 +44,35 @@ def test_a_measured_velocity_is_taken_and_one_way_stays_alone() -> None:
     (there,) = passes_of(replace(one, velocity=np.full(len(one.position), 0.7), back=None))
     assert there.velocity.mean() == pytest.approx(0.7)
     assert there.temperature == 30.0
+
+
+def regression(noise: np.ndarray, ripple: float) -> PassRegression:
+    """Both ways over ten turns of the motor at one speed; ripple: of the fifth harmonic, Nm."""
+    n = len(noise) // 2
+    q, one = np.linspace(0, 10.0, n), np.ones(n)
+    passes = [
+        Pass("joint 1", "a", RATE, way, s * one, 0 * one, 3.0 * s + ripple * np.cos(2 * np.pi * 5 * way) + part)
+        for s, way, part in ((1.0, q, noise[:n]), (-1.0, q[::-1], noise[n:]))
+    ]
+    return PassRegression.of(passes, {"a": passes}, False, 1.0)
+
+
+def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> None:
+    """The fifth of a motor turn; the level is that of the truth either way."""
+    noise = 0.01 * np.random.default_rng(1).standard_normal(8000)
+    for ripple, names in ((0.5, {"ripple.5c", "ripple.5s"}), (0.0, set())):
+        found = regression(noise, ripple)
+        further = {name for name in found.shared if name.startswith("ripple") and name[7:-1] not in ("1", "2")}
+        assert further == names
+        assert found.solve()[0][0] == pytest.approx(3.0, abs=2e-3)
+
+
+def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
+    """sigma^2 / n (1 + phi) / (1 - phi) of noise x_k+1 = phi x_k + e, var e = sigma^2 (1 - phi^2)."""
+    phi, n = 0.5, 14_000
+    e = np.random.default_rng(2).standard_normal(n) * np.sqrt(1 - phi**2)
+    x = np.zeros(n)
+    for k in range(1, n):
+        x[k] = phi * x[k - 1] + e[k]
+    variance = regression(x, 0.0).solve()[1][0, 0]
+    assert variance == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)

@@ -1,14 +1,17 @@
 """The truth of a simulated robot stands at the conditions of the levels that it is compared with."""
 
 import math
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
-from elastid.friction_study.result import true_numbers
+from elastid.friction_study.result import numbers_of_heat, numbers_of_law, true_numbers
 from elastid.friction_study.spec import LawSpec
+from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 
 
@@ -26,3 +29,26 @@ def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     expected = {"Fc_m1": 20 + 1.5, "Fs_m1": 30 + 0.2 * 20 + 2.4, "f_m1": 20 + 10 * (fading - 1), "fT_m1": 10 * fading}
     assert {name: found[name] for name in expected} == pytest.approx(expected)
     assert true_numbers(robot, "1")["Fc_m1"] == pytest.approx(20.0)
+
+
+def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> None:
+    """F_c forwards 24, backwards 20, and as many std to each end as of F_c itself."""
+    speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
+    way = np.repeat([1.0, -1.0], 8)
+    levels = Levels("joint 1", speed, way, 22 + 2 * way + 9 * speed, 0.1 + 0 * speed, 0 * speed, np.nan * speed)
+    rows = {row.name: row for row in numbers_of_law("1", StaticLaw.of(levels, LawSpec()), {})}
+    mean, forwards, backwards = (rows[name] for name in ("Fc_m1", "Fc_m1+", "Fc_m1-"))
+    assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))
+    for row in (forwards, backwards):
+        assert (row.high - row.value) / row.std == pytest.approx((mean.high - mean.value) / mean.std)
+
+
+def test_the_interval_of_a_time_constant_is_symmetric_in_its_logarithm() -> None:
+    """value^2 = low high, and 1.96 std of the logarithm to each end."""
+    one = np.ones(1)
+    model = ThermalModel("relative", 1200 * one, one, np.nan, np.array([0.2, 0.1]), 1.0, 9, one, np.ones((1, 3)), 1.0)
+    tests = SimpleNamespace(readings=np.zeros(0), time_s=np.array([0.0, 3600.0]), level=np.zeros(5))
+    (row,) = numbers_of_heat("1", model, cast(WarmUp, tests))
+    assert (row.value, row.std) == (1200.0, pytest.approx(120.0))
+    assert row.low * row.high == pytest.approx(row.value**2)
+    assert math.log(row.high / row.value) == pytest.approx(1.96 * 0.1, rel=1e-3)

@@ -68,6 +68,16 @@ def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> t
     return swinging.freq_hz, strain_energy(model, model.theta, equilibrium(model, model.theta, at), shapes)
 
 
+def test_the_largest_entry_of_each_shape_is_one() -> None:
+    """Three masses swing in two modes."""
+    model = formulate(chain(5e3, 8e3), ModelSpec())
+    linear = linearise(model, Configuration("c", np.zeros(1)), model.theta, model.inputs, "position")
+    shapes = modes(linear, linear.theta_ref).shapes
+    assert shapes.shape[1] == 2
+    np.testing.assert_allclose(np.abs(shapes).max(axis=0), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(shapes[np.abs(shapes).argmax(axis=0), [0, 1]], 1.0, rtol=1e-12)
+
+
 def test_two_masses_have_all_energy_in_their_spring() -> None:
     """One mode, one spring, no weight."""
     _, energy = found(chain(5e3), [0.3])

@@ -31,3 +31,11 @@ def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:
 def test_limits_leave_room_for_motion() -> None:
     with pytest.raises(ValueError, match="limits leave no motion"):
         Limits(angle=(1.0, 1.0))
+
+
+def test_a_spring_of_the_gear_or_of_the_shaft_makes_a_driven_joint_flexible() -> None:
+    """A joint without a motor has no gear, whatever its spring."""
+    spring, motor = Spring(1e4), Motor(1e-3)
+    flexible = [Joint("1", spring=spring, motor=motor), Joint("1", motor=Motor(1e-3, spring=spring))]
+    assert [joint.is_flexible for joint in flexible] == [True, True]
+    assert [joint.is_flexible for joint in (Joint("1", motor=motor), Joint("1", spring=spring))] == [False, False]

@@ -67,6 +67,10 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Body("arm", mass=-1.0), "must not be negative"),
         (lambda: Robot("r", (Body("arm", parent="nobody", joints=(JOINT,)),)), "its parent nobody"),
         (lambda: Robot("r", (Body("arm", joints=(JOINT, JOINT)),)), "joint 1 is given twice"),
+        (
+            lambda: Robot("r", (Body("arm", joints=(replace(JOINT, motor=Motor(1e-3, on="amr", axis="z")),)),)),
+            "motor.on.* amr",
+        ),
         (lambda: Robot("r", (Body("arm", joints=(replace(JOINT, motor=None),)),)), "nothing to excite"),
     ],
 )
@@ -165,3 +169,16 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) ->
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
+
+
+def test_places_of_a_sliding_joint_and_origins_of_frames_translate() -> None:
+    """Motor and joint alike; bodies and what turns are measured in rad."""
+    rail = replace(JOINT, name="rail", motion="translation")
+    robot = Robot("r", (Body("cart", joints=(rail,)), Body("arm", "cart", joints=(JOINT,))))
+    places = ("motor rail", "joint rail", "motor 1", "joint 1", "body arm x")
+    assert robot.sliding(places) == ("motor rail", "joint rail")
+    assert [robot.slides(place) for place in ("accelerometer tcp x", "frame tcp x", "frame tcp rx")] == [
+        True,
+        True,
+        False,
+    ]

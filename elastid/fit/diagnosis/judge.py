@@ -217,6 +217,7 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING
     correlations = test.correlations(every)
 
     def index(i: int) -> ModificationIndex:
+        """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
         candidate, (own, drop) = every[i], steps[i]
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > RANKING.equal_drop * drops[i]) & (correlations[i] > RANKING.equal_correlation)
