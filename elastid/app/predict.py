@@ -90,7 +90,7 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
             f"--with {source}: {path.name} is not there; the study identifies {kind}: name the run folder of another "
             f"study of {kind}"
         )
-    if path.resolve().parent == run.folder.resolve() and not run.is_current(path.stem):
+    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
         raise StudyError(f"--with {source}: its own run folder, where other logs would replace its own; give --run")
     run.study.as_robot()
     return path

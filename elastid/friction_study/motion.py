@@ -136,18 +136,23 @@ class RigidBody:
 
     Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c in all; chosen: places of Y_b in it.
     A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from it
-    (Gautier, J. Robotic Systems 8(4), 1991).  names, units: of the numbers.  values: by least squares, with std.
-    predicting: by ridge regression, for other logs (`least_squares.shrunk_numbers`).
+    (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters.
+    values: by least squares, with std; predicting: by ridge regression, for other logs (`shrunk_numbers`).
     """
 
     joints: tuple[str, ...]
-    names: tuple[str, ...]
     units: tuple[str, ...]
     values: FloatArray
     std: FloatArray
     predicting: FloatArray
     chosen: IntArray
     regrouped: FloatArray
+    columns: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, those of their columns."""
+        return tuple(self.columns[i] for i in self.chosen)
 
 
 @dataclass(frozen=True)

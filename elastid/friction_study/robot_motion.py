@@ -76,9 +76,10 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     pairs = list(zip(signals, rigid, strict=True))
     equations = [[_equations(*pair, apart) for pair in pairs] for apart in (False, True)]
     solutions = [solve(each, rate_hz) for each in equations]
-    names, units = zip(*(_numbers(robot, joints)[i] for i in chosen), strict=True)
+    names, units = zip(*_numbers(robot, joints), strict=True)
     least, shrunk = solutions[0], shrunk_numbers(equations[0], solutions[0])
-    body = RigidBody(joints, names, units, least.pi, least.pi_std, shrunk, chosen, regrouped)
+    of_base = tuple(units[i] for i in chosen)
+    body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     torques = [columns @ body.values for columns in rigid]
     alone = tuple(
         {
@@ -122,8 +123,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz
     lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
     lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
     if lacking.any():
-        names = [name for name, _ in _numbers(robot, body.joints)]
-        first = ", ".join(names[i] for i in np.flatnonzero(lacking)[:3])
+        first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
         raise DataError(
             f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move"

@@ -191,7 +191,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 def octaves_figure(balances: Sequence[TorqueBalance], own: Sequence[TorqueBalance] = ()) -> Figure:
     """Rms of the torque left over its own rms, by axis and octave; own: by a regression of these logs, in brackets."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
-    figure, (axes,) = style.column(1.6 + 0.3 * len(balances), (1,), 0.0)
+    figure, ((axes,),) = style.panels(1, 1, (style.WIDE, 1.3 + 0.3 * len(balances)), (1.8, 0.25, 0.5, 0.55), (0.0, 0.0))
     left = np.full((len(balances), len(edges)), np.nan)
     regressed = {(o.place, o.log, band.high_hz): math.sqrt(band.left) for o in own for band in o.bands}
     for i, balance in enumerate(balances):

@@ -24,6 +24,7 @@ from elastid.study.checks.fit import check_fit, check_model, check_moved_inertia
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
+from elastid.study.checks.unused import check_unused
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
@@ -34,6 +35,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
     yield from check_plan_keys(study)
+    yield from check_unused(study)
     if study.friction is not None:
         yield from check_friction(study, base)
         return
