@@ -16,7 +16,6 @@ from elastid.study.checks.experiment import (
     check_estimator,
     check_excitation,
     check_lines,
-    check_plan_keys,
     check_simulated,
     check_structure,
 )
@@ -34,13 +33,10 @@ __all__ = ["check_lines", "check_study"]
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
-    yield from check_plan_keys(study)
     yield from check_unused(study)
     if study.friction is not None:
         yield from check_friction(study, base)
         return
-    if study.filter is not None:
-        yield Problem(("filter",), "a filter follows friction; give friction (the joints), or drop it", at_key=True)
     if experiment.recorded is not None:
         yield from check_recorded(study, experiment.recorded, base)
     if experiment.responses is not None:

@@ -27,7 +27,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     if study.robot is None:
         yield Problem(_FRICTION, "friction is that of a robot's joints; give robot (the path of its file)", at_key=True)
         return
-    yield from _check_responses(study)
     yield from _check_joints(study, spec)
     for i, load in enumerate(spec.loads):
         yield from _check_load(study, load, (*_FRICTION, "loads", i))
@@ -43,12 +42,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:
         yield from _check_passes(spec, joint)
-
-
-def _check_responses(study: Study) -> Iterator[Problem]:
-    if study.experiment.responses is not None:
-        message = "friction is found in motions, not in frequency responses; give logs (recorded) or simulated"
-        yield Problem(("experiment", "responses"), message, at_key=True)
 
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:

@@ -23,7 +23,8 @@ class Unused:
 _FRICTION: tuple[Kind, ...] = ("friction", "friction-recorded")
 _LOGS: tuple[Kind, ...] = ("recorded", "frf")
 _RESPONSES: tuple[Kind, ...] = ("responses", "frf-responses")
-_PLAN = ("realisations", "periods", "transient_periods", "ramp", "hold")
+# Keys of a plan, which logs and responses from elsewhere do not follow.
+PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 _RECORDS = (
     "method", "lines", "transient_periods", "outlier_sigma", "local_order", "window", "segment", "resolution_hz",
 )  # fmt: skip
@@ -36,13 +37,25 @@ UNUSED = (
            "section, or friction"),
     Unused(_FRICTION, ("validation.folds",), "a study of friction has no folds; name logs in validation.left_out"),
     Unused(("friction",), ("validation.left_out",), "it names logs, and this experiment is simulated; drop this key"),
-    Unused(("friction",), tuple(f"experiment.{key}" for key in (*_PLAN, "experiments")), "it is of multisines; the "
+    Unused(("friction",), tuple(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")), "it is of multisines; the "
            "motions of a study of friction are given in friction: drop this key"),
     Unused(("friction",), ("experiment.simulated.outputs", "experiment.simulated.carrier",
            "experiment.simulated.warming"), "the rig of a study of friction logs the motor that it moves, without a "
            "carrier, and its joints warm by experiment.simulated.heat; drop this key"),
     Unused(("recorded", "responses"), ("excitation",), "lines are found in the data that are there; drop this section"),
-    Unused(("responses",), ("design",), "what was measured cannot be chosen any more; drop this section"),
+    Unused(("recorded", "responses"), ("design",), "the experiment is {kind}: what was measured cannot be chosen any "
+           "more; drop this section"),
+    Unused(("simulated", *_LOGS, *_RESPONSES), ("filter",), "a filter follows friction; give friction (the joints), or "
+           "drop it"),
+    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "validation", "compare"), "this section "
+           "needs a robot, and the study has none; give robot: its file, or drop the section"),
+    Unused((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in PLAN_KEYS), "the "
+           "experiment is {kind}: its files determine this; drop the key (files[].realisation numbers realisations, "
+           "estimator.transient_periods leaves periods out)"),
+    Unused((*_LOGS, *_RESPONSES, "friction-recorded"), ("experiment.experiments",), "the experiment is {kind}: its "
+           "files determine the number of experiments; drop this key"),
+    Unused(_FRICTION, ("experiment.responses",), "friction is found in motions, not in frequency responses; give logs "
+           "(recorded) or simulated"),
     Unused(("simulated",), ("experiment.simulated.heat",), "it is of studies of friction; drop this key, or give "
            "warming"),
     Unused(("friction-recorded",), ("friction.rate_hz",), "it is of designs; logs have experiment.recorded.rate_hz: "
@@ -68,7 +81,7 @@ def check_unused(study: Study) -> Iterator[Problem]:
     for each in UNUSED:
         for key in each.keys if study.kind in each.kinds else ():
             for path in _given(study, tuple(key.split("."))):
-                yield Problem(path, each.why.format(key=key), at_key=True)
+                yield Problem(path, each.why.format(key=key, kind=study.experiment.kind), at_key=True)
 
 
 def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:

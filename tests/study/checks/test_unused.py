@@ -27,7 +27,8 @@ TEMPLATES = {
 MADE_OF = {"places": "robot", "friction_joints": "friction", "seeded_fit": "fit", "text": "name"}
 # A value other than the default of the keys whose type does not give one.
 OTHERS: dict[str, Any] = {
-    "passes": None, "left_out": ("log",), "experiments": 1, "carrier": 1, "warming": 1, "heat": 1, "speed": 1.0,
+    "passes": None, "left_out": ("log",), "experiments": 1, "carrier": 1, "warming": 1, "heat": 1, "filter": 1,
+    "responses": 1, "speed": 1.0,
     "temperature": 300.0, "configuration": "c", "period": 1.0, "period_samples": 100.0, "local_order": 4,
     "transient_periods": 3, "segment": 1.0, "resolution_hz": 1.0, "method": "h1", "lines": "full", "window": "boxcar",
     "purpose": "loops", "excitation": 1, "design": 1,
@@ -79,7 +80,7 @@ def test_each_key_is_refused_at_its_place_and_its_default_is_not(entry: Any, stu
             path = tuple(0 if step == "*" else step for step in key.split("."))
             assert study.kind == kind
             (problem,) = (each for each in check_unused(changed(study, list(path))) if each.path == path)
-            assert problem.message.format() == entry.why.format(key=key)
+            assert problem.message == entry.why.format(key=key, kind=study.experiment.kind)
             assert path not in own or kind == "friction-recorded"  # made of the logs of another kind
 
 
@@ -98,10 +99,6 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
     used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
     refused = {key for each in UNUSED if kind in each.kinds for key in each.keys}
     refused |= {"validation"} if kind.startswith("friction") else set()  # by its keys
-    if kind in ("frf", "frf-responses"):  # whose sections need a robot
-        refused |= {"excitation", "design", "model", "fit", "validation", "compare"}
-    if kind == "recorded":
-        refused |= {"design"}  # by its own check
     missing = {field.name for field in fields(Study)} - used - refused
     assert not missing - ({"estimator"} if kind == "frf-responses" else set())
 
