@@ -26,7 +26,7 @@ _RESPONSES: tuple[Kind, ...] = ("responses", "frf-responses")
 # Keys of a plan, which logs and responses from elsewhere do not follow.
 PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 _RECORDS = (
-    "method", "lines", "transient_periods", "outlier_sigma", "local_order", "window", "segment", "resolution_hz",
+    "lines", "transient_periods", "outlier_sigma", "local_order", "window", "segment", "resolution_hz",
 )  # fmt: skip
 _FILES = "experiment.recorded.files.*."
 
@@ -42,7 +42,6 @@ UNUSED = (
     Unused(("friction",), ("experiment.simulated.outputs", "experiment.simulated.carrier",
            "experiment.simulated.warming"), "the rig of a study of friction logs the motor that it moves, without a "
            "carrier, and its joints warm by experiment.simulated.heat; drop this key"),
-    Unused(("recorded", "responses"), ("excitation",), "lines are found in the data that are there; drop this section"),
     Unused(("recorded", "responses"), ("design",), "the experiment is {kind}: what was measured cannot be chosen any "
            "more; drop this section"),
     Unused(("simulated", *_LOGS, *_RESPONSES), ("filter",), "a filter follows friction; give friction (the joints), or "

@@ -81,7 +81,7 @@ def test_each_key_is_refused_at_its_place_and_its_default_is_not(entry: Any, stu
             assert study.kind == kind
             (problem,) = (each for each in check_unused(changed(study, list(path))) if each.path == path)
             assert problem.message == entry.why.format(key=key, kind=study.experiment.kind)
-            assert path not in own or kind == "friction-recorded"  # made of the logs of another kind
+            assert path not in own or kind not in TEMPLATES  # made of the data of another kind
 
 
 @pytest.mark.parametrize("kind", [*TEMPLATES, "friction-recorded", "responses", "frf-responses"])
@@ -96,6 +96,7 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
         "friction",
         "filter",
     }
+    used |= {"excitation"} if kind in ("recorded", "responses") else set()  # a remark on how the data were made
     used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
     refused = {key for each in UNUSED if kind in each.kinds for key in each.keys}
     refused |= {"validation"} if kind.startswith("friction") else set()  # by its keys
@@ -106,6 +107,6 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
 def test_the_message_has_line_and_advice(tmp_path: Path) -> None:
     study = scaffold.new(tmp_path / "logs", "recorded")
     text = study.read_text(encoding="utf-8")
-    study.write_text(f"{text}excitation: {{rate_hz: 500, period: 2, band_hz: [1, 50], torque_rms: 10}}\n")
-    with pytest.raises(StudyError, match=r"study.yml:\d+:1: excitation: lines are found in the data"):
+    study.write_text(f"{text}filter: {{}}\n")
+    with pytest.raises(StudyError, match=r"study.yml:\d+:1: filter: a filter follows friction; give friction"):
         load(study)
