@@ -8,7 +8,7 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -380,6 +380,11 @@ class FrictionRecords:
     def of(self, joint: str, purpose: Purpose) -> tuple[FrictionRecord, ...]:
         """The records of one joint and purpose."""
         return tuple(r for r in self.records if r.joint == joint and r.purpose == purpose)
+
+    def divided(self, left_out: Collection[str]) -> tuple[FrictionRecords, FrictionRecords]:
+        """Those to identify from, and those of the logs that are left out, by name."""
+        inside, outside = (tuple(r for r in self.records if (r.name in left_out) == out) for out in (False, True))
+        return replace(self, records=inside), FrictionRecords(outside)
 
     @property
     def joints(self) -> tuple[str, ...]:

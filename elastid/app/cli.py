@@ -9,21 +9,17 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from _thread import interrupt_main
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from errno import EDQUOT, EFBIG, ENOSPC
 from functools import reduce
 from io import StringIO
 from pathlib import Path
-from signal import SIGINT, SIGTERM, signal
-from threading import Event, Thread, current_thread, main_thread
-from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
 from elastid import __version__
+from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
 from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
@@ -66,7 +62,11 @@ _OPTIONS: dict[str, Decorator] = {
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
         *("--with", "source"), type=click.Path(path_type=Path), required=True, metavar="RUN",
-        help="Run folder of a study of friction, or its friction.h5.",
+        help="Run folder of a study that has identified friction or elasticity, or its friction.h5 or fit.h5.",
+    ),
+    "log": click.option(
+        *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
+        help="A log that takes the place of those of the study, with the same channels; give it again for more.",
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
     "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
@@ -223,17 +223,17 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 @cli.command()
 @_study
-@_options("with")
+@_options("with", "log")
 @_stage_options
-def predict(study: Path, source: Path, **options: Any) -> None:
-    """Judge the friction that another study has identified on the logs of this one: prediction.json.
+def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -> None:
+    """Judge the numbers that another study has identified on logs: prediction.json and prediction.png.
 
-    It shows the torque that the result explains and leaves, and the motion of the robot simulated along the logs.
+    Of friction, with the rigid body, or of elasticity: the torque that each part of the model explains and leaves, by
+    axis and octave, and the motion of the robot simulated along the logs. The logs are those of STUDY, or those given.
     """
-    asked = _run(study, options)
     from elastid.app import predict as predicting
 
-    predicting.predict(asked, source)
+    predicting.predict(_run(study, predicting.on_logs(study, logs, options)), source)
 
 
 @cli.command()
@@ -307,59 +307,6 @@ def schema() -> None:
     from elastid.study import make_schema
 
     click.echo(json.dumps(make_schema(), indent=1))
-
-
-@contextmanager
-def insisting() -> Iterator[Event]:
-    """KeyboardInterrupt on Ctrl-C or SIGTERM, and again every half second until the work inside has ended.
-
-    CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
-    event that is yielded is set once that happened: whatever error ends the work then, the user has ended it.
-    """
-    pressed, ended = Event(), Event()
-
-    def insist() -> None:
-        while not ended.wait(0.5):
-            interrupt_main()
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if not pressed.is_set():
-            pressed.set()
-            Thread(target=insist, daemon=True).start()
-        raise KeyboardInterrupt
-
-    def show(unraisable: sys.UnraisableHookArgs) -> None:
-        if not pressed.is_set():
-            shown(unraisable)
-
-    if current_thread() is not main_thread():  # signals belong to the main thread
-        yield pressed
-        return
-    # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
-    shown, sys.unraisablehook = sys.unraisablehook, show
-    before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
-    try:
-        yield pressed
-    finally:
-        ended.set()
-        sys.unraisablehook = shown
-        for number, handler in before.items():
-            signal(number, handler)
-
-
-@contextmanager
-def libraries_off_terminal() -> Iterator[None]:
-    """Warnings of Python and log records of libraries go to run.log where one is written, and else nowhere."""
-    import logging
-
-    nowhere = logging.NullHandler()  # without any handler Python prints the records
-    logging.captureWarnings(True)
-    logging.getLogger().addHandler(nowhere)
-    try:
-        yield
-    finally:
-        logging.getLogger().removeHandler(nowhere)
-        logging.captureWarnings(False)
 
 
 def one_blas_thread() -> None:

@@ -14,7 +14,7 @@ from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
-from elastid.export.csv import write_csv, write_responses_csv
+from elastid.export.csv import write_csv, write_friction_csv, write_responses_csv
 from elastid.export.fmu import write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
@@ -75,20 +75,23 @@ def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]
 
 
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
-    """The robot with the identified law, or the filter of each joint that was followed, as C."""
+    """The robot with the identified law, tables of its numbers, or as C the filter of each joint that was followed."""
     if target == OBSERVER:
         run.require_stage("follow")
         run.require_result("follow")
         joints = read_filter(run.path("follow"))
         observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
         return _reported(run, write_observers(clear_folder(run.folder, "export", target), observers))
-    if target != ROBOT:
+    if target not in (ROBOT, "csv"):
         raise StudyError(
             f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
-            "and take that file as the robot of an elastic study, or to observer, which follows friction"
+            "and take that file as the robot of an elastic study, to csv, or to observer, which follows friction"
         )
     run.require_result("friction")
-    text = robot_of_friction(run.study.name, run.study.as_robot(), read_friction_result(run.path("friction")))
+    result = read_friction_result(run.path("friction"))
+    if target == "csv":
+        return _reported(run, write_friction_csv(clear_folder(run.folder, "export", target), result))
+    text = robot_of_friction(run.study.name, run.study.as_robot(), result)
     return _reported(run, _written(clear_folder(run.folder, "export", target), text))
 
 

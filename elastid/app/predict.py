@@ -1,100 +1,130 @@
-"""predict: the friction that one study has identified, judged on the logs of another: prediction.json.
+"""predict: the numbers that one study has identified, judged on the logs of another: prediction.json and a figure.
 
-Of a joint that moved alone all its numbers are those of the result. Of joints that moved together the result has no
-rigid body; that of the logs is taken, and their friction alone is predicted.
+Of a study of friction these are rigid body and friction; of a study of elasticity the fitted robot, whose responses,
+torques and motion are compared with those of the logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from elastid.app.identified_robot import with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
-from elastid.app.summaries import prediction_summary
+from elastid.app.stages.validate import Validated, replayed_in_time
+from elastid.app.summaries import prediction_summary, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.friction_study.result import FrictionResult, JointFriction, JointLevels
-from elastid.record import FrictionRecords
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.report.figures.validation import octaves_figure
 from elastid.store.files import keep_checksums, write_text
-from elastid.store.friction_study import read_friction_records, read_friction_result, read_levels
-from elastid.validation.friction_twin import friction_balances, friction_runs
+from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.kinds import json_value
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit
+from elastid.study.source import read_source
+from elastid.validation.agreement import judged_elsewhere
+from elastid.validation.friction_prediction import predict_logs
+from elastid.validation.prediction import Prediction
+from elastid.validation.replay import describe_replays
+from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import describe_balance
-from elastid.validation.twin_run import TwinFindings
+
+# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
+_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
+
+
+def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of the command line under which a study has these logs in place of its own, and another run folder.
+
+    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
+    """
+    if not logs:
+        return dict(options)
+    data = read_source(study, str(study)).data or {}
+    recorded = (data.get("experiment") or {}).get("recorded") or {}
+    if not recorded:
+        raise StudyError(f"{study}: --log takes the channels of experiment.recorded, which the study has not")
+    files = recorded.get("files") or [{}]
+    entries = [
+        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
+        | {"path": str(log.absolute())}
+        for i, log in enumerate(logs)
+    ]
+    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
+    if (data.get("validation") or {}).get("left_out") and "friction" in data:
+        overrides.append("validation.left_out=[]")
+    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
+    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
 
 
 def predict(run: Run, source: Path) -> None:
-    """prediction.json: torque and forward motion along the logs of a study by the friction of `source`, and by its own.
+    """prediction.json and prediction.png: the logs of a study judged by the numbers of `source`.
 
-    source: a friction.h5, or the folder that holds it.  Stages up to levels are run where they are out of date.
-    StudyError for a study without friction, or where no joint has a motion in both.
+    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
+    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
     """
-    if "friction" not in run.stages:
-        raise StudyError(
-            f"{run.loaded.path}: the study identifies elasticity, and friction alone can be predicted; give friction: "
-            "{} in a study of these logs"
-        )
-    path = source / "friction.h5" if source.is_dir() else source
-    if not path.is_file():
-        raise StudyError(f"--with {source}: {path.name} is not there; name the run folder of a study of friction")
-    result = read_friction_result(path)
+    of_friction = run.study.friction is not None
+    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
     with logged_in(run.folder, run.jobs, run.console):
-        for name in list(run.stages)[: list(run.stages).index("levels") + 1]:
-            if not run.is_current(name):
+        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
+            if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
-        levels, measured = read_levels(run.path("levels")), read_friction_records(run.path("measure"))
-        missing = dict(_missing(result, levels))
-        for joint, reason in missing.items():
-            run.console.warn(f"joint {joint} is not predicted: {reason}")
-        known = [each for each in levels if each.joint not in missing]
-        if not known:
-            raise StudyError(f"--with {path}: none of its joints can be predicted on these logs; the reasons are above")
-        own = [JointFriction(each.joint, each.slides, motion=each.motion) for each in known]
-        left = {balance.place: balance.left for balance in friction_balances(own, measured)}
-        twin = _twin(run, result, predicted(result, own), measured)
-        summary = prediction_summary(run.study.name, str(path), twin, left, missing)
-        path = run.folder / "prediction.json"
-        write_text(path, summary)
-        keep_checksums(run.folder, [path.name])
-        for balance in twin.balances:
-            words = f"{describe_balance(balance)} A regression of these logs leaves {left[balance.place]:.1%}."
-            run.console.say(f"predict: {words}")
-        for words in (*twin.run_words, str(path)):
-            run.console.say(f"predict: {words}")
+        judged, content, words = (_friction if of_friction else _elasticity)(run, path)
+        write_text(run.folder / "prediction.json", json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
+        if judged.twin.balances:
+            octaves_figure(judged.twin.balances, judged.own).savefig(run.folder / "prediction.png")
+        keep_checksums(run.folder, ["prediction.json"])
+        for each in (*words, str(run.folder / "prediction.json")):
+            run.console.say(f"predict: {each}")
 
 
-def _twin(run: Run, result: FrictionResult, joints: Sequence[JointFriction], measured: FrictionRecords) -> TwinFindings:
+def _result_of(run: Run, source: Path, name: str) -> Path:
+    path = source / name if source.is_dir() else source
+    if not path.is_file():
+        kind = "friction" if run.study.friction is not None else "elasticity"
+        raise StudyError(
+            f"--with {source}: {path.name} is not there; the study identifies {kind}: name the run folder of another "
+            f"study of {kind}"
+        )
+    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
+        raise StudyError(f"--with {source}: its own run folder, where other logs would replace its own; give --run")
+    run.study.as_robot()
+    return path
+
+
+def _friction(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequence[str]]:
+    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
     recorded = run.study.experiment.recorded
-    controller = None if recorded is None else recorded.controller
-    robot = with_identified_friction(run.study.as_robot(), result)
-    runs = friction_runs(robot, joints, measured, controller, Execution(run.jobs))
-    return TwinFindings(friction_balances(joints, measured), runs)
+    robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
+    identified = with_identified_friction(robot, result)
+    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
+    for joint, reason in prediction.missing.items():
+        run.console.warn(f"joint {joint} is not predicted: {reason}")
+    if not prediction.twin.balances:
+        raise StudyError(f"--with {path}: none of its joints can be predicted on these logs; the reasons are above")
+    return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
 
 
-def predicted(result: FrictionResult, own: Sequence[JointFriction]) -> list[JointFriction]:
-    """The joints along their own motions, with the numbers of a result."""
-    known, joints = {joint.joint: joint for joint in result.joints}, []
-    for each in own:
-        source = known[each.joint]
-        assert each.motion is not None
-        numbers = {name: getattr(source.motion, name) for name in ("alike", "apart", "are_apart", "chance")}
-        joints.append(replace(source, motion=replace(each.motion, **numbers)))
-    return joints
-
-
-def _missing(result: FrictionResult, levels: Sequence[JointLevels]) -> Iterator[tuple[str, str]]:
-    """(joint, reason) of those of the logs that the result cannot predict."""
-    known = {joint.joint: joint for joint in result.joints}
-    for level in levels:
-        source = known.get(level.joint)
-        if source is None:
-            yield level.joint, f"the result has the joints {', '.join(known)} only"
-        elif source.motion is None or source.friction is None:
-            yield level.joint, "the result has no regression of a motion of it"
-        elif level.motion is None:
-            yield level.joint, "it has no motion in these logs"
-        elif source.slides != level.slides:
-            yield level.joint, "it slides in one of the two robots and turns in the other"
-        elif ("inertia" in source.motion.chosen.names) != ("inertia" in level.motion.chosen.names):
-            yield level.joint, "it moved alone in one of the two, and with others in the other"
+def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequence[str]]:
+    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
+    robot = study.as_robot()
+    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
+    if lacking:
+        raise StudyError(f"--with {path}: it is of another robot, without {', '.join(lacking[:3])}")
+    taken_out = path.with_name("frf.h5")
+    friction = read_friction(taken_out) if taken_out.is_file() else None
+    fitted = FittedRobot.of(result, robot, responses, study.model)
+    of_study = study.name, robot, study.model, study.seeded_fit, ValidationSpec(), study.estimator
+    records = run.path("measure") if "measure" in run.stages else None
+    own = Validated(*of_study, fitted, responses, friction)
+    replays, twin = replayed_in_time(own, records, None, run.console, Execution(run.jobs))
+    shifts = [fitted.response_shifts(response.configuration.name) for response in responses]
+    judged = judged_elsewhere(responses, fitted.responses, shifts)
+    judged = replace(judged, replays=replays, replayed=describe_replays(replays) if replays else "")
+    content = {**validation_summary(study.name, judged, twin), "with": str(path)}
+    sentences = (judged.verdict, judged.replayed, *map(describe_balance, twin.balances), *twin.run_words)
+    return Prediction(twin), content, [words for words in sentences if words]

@@ -237,13 +237,14 @@ STAGES = (
     ),
     Stage(
         "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
-        values=values("robot", "friction_joints"), sources=(Source("measure"),),
+        values=values("robot", "friction_joints", "validation.left_out"), sources=(Source("measure"),),
         help="Find the friction at each speed, load and temperature: levels.h5.",
     ),
     Stage(
         "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
         "elastid.app.stages.friction:friction",
-        values=values("name", "robot", "experiment", "friction"), sources=(Source("measure"), Source("levels")),
+        values=values("name", "robot", "experiment", "friction", "validation.left_out"),
+        sources=(Source("measure"), Source("levels")),
         conclude="elastid.app.stages.friction:conclude",
         help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
     ),

@@ -29,11 +29,12 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
+from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
-    from elastid.friction_study.motion import MotionFriction
+    from elastid.friction_study.motion import MotionFriction, RigidBody
     from elastid.friction_study.result import FrictionResult
 
 
@@ -161,10 +162,13 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     }
 
 
-def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+def friction_study_summary(
+    name: str, result: FrictionResult, twin: TwinFindings = NO_TWIN, left_out: Prediction = NO_PREDICTION
+) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
     torque: of motions, shares of the parts of the model.  twin: errors of the model simulated along them.
+    left_out: the same of logs that were left out.  rigid_bodies: of joints that moved together.
     """
     every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
@@ -179,7 +183,9 @@ def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings
             {"joint": joint.joint} | section(held, "part reason") for joint in result.joints for held in joint.held
         ],
         "motions": {each.joint: _motion(each.motion) for each in result.joints if each.motion is not None},
+        "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_twin(twin),
+        "left_out": _prediction(left_out),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
@@ -189,23 +195,43 @@ def friction_study_summary(name: str, result: FrictionResult, twin: TwinFindings
     }
 
 
-def prediction_summary(
-    name: str, source: str, twin: TwinFindings, own: Mapping[str, float], missing: Mapping[str, str]
-) -> str:
-    """prediction.json: torque and twin of the logs of a study under the friction of `source`.
+def prediction_summary(name: str, source: str, prediction: Prediction) -> dict[str, Any]:
+    """The content of prediction.json: torque and twin of the logs of a study under the numbers of `source`."""
+    return {"schema": SCHEMA, "study": name, "with": source} | _prediction(prediction)
 
-    own: the share of the torque that a regression of the logs leaves, by place.  missing: reasons by joint.
+
+def _prediction(prediction: Prediction) -> dict[str, Any]:
+    """left_by_own_regression: the share of the torque that a regression of the same logs leaves, null without one.
+
+    not_predicted: reasons by joint.
     """
-    torque = _twin(twin)
-    for balance in torque["torque"]:
-        balance["left_by_own_regression"] = own[balance["place"]]
-    content = {"schema": SCHEMA, "study": name, "with": source, "not_predicted": dict(missing)} | torque
-    return json.dumps(json_value(content), indent=1, allow_nan=False) + "\n"
+    content = _twin(prediction.twin)
+    for balance, row in zip(prediction.twin.balances, content["torque"], strict=True):
+        own = prediction.own_of(balance)
+        row["left_by_own_regression"] = None if own is None else own.left
+        bands = {} if own is None else {(band.low_hz, band.high_hz): band.left for band in own.bands}
+        for band in row["bands"]:
+            band["left_by_own_regression"] = bands.get((band["low_hz"], band["high_hz"]))
+    return {"not_predicted": dict(prediction.missing), "no_own_regression": prediction.refused} | content
+
+
+def _rigid_body(body: RigidBody) -> dict[str, Any]:
+    """Base parameters by least squares with std, and those that predict other logs."""
+    columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
+    rows = zip(*columns, strict=True)
+    return {
+        "joints": list(body.joints),
+        "base_parameters": {
+            name: {"value": value, "std": std, "predicting": predicting, "unit": unit}
+            for name, unit, value, std, predicting in rows
+        },
+    }
 
 
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
     nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
+    nothing |= {"rigid_bodies": [], "left_out": None}
     return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
 
 

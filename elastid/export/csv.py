@@ -17,6 +17,7 @@ from elastid.base.escape import file_name
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import Peak, peaks
+from elastid.friction_study.result import FrictionResult
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
@@ -52,6 +53,22 @@ def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyRe
     """<configuration>-measured.csv for each response, and peaks.csv."""
     all_peaks = [peaks(response) for response in responses]
     return (*(_measured(folder, G) for G in responses), write_peaks(folder / "peaks.csv", responses, all_peaks))
+
+
+def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]:
+    """parameters.csv of friction, and base_parameters.csv of each rigid body.
+
+    Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
+    """
+    rows = [(each.name, each.unit, each.value, each.std, each.low, each.high) for each in result.numbers]
+    head = "parameter", "unit", "value", "std"
+    paths = [_table(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
+    for i, body in enumerate(result.rigid_bodies, start=1):
+        numbers = (body.values.tolist(), body.std.tolist(), body.predicting.tolist(), body.regrouped.tolist())
+        base = [(name, unit, *n, *r) for name, unit, *n, r in zip(body.names, body.units, *numbers, strict=True)]
+        path = folder / f"base_parameters{f'_{i}' if i > 1 else ''}.csv"
+        paths.append(_table(path, [(*head, "predicting", *body.columns), *base]))
+    return tuple(paths)
 
 
 def _measured(folder: Path, G: FrequencyResponse) -> Path:

@@ -104,16 +104,22 @@ class JointMotion:
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
     """The motions of each joint that has some; where it moved alone and with others, alone counts."""
+    logs = motion_logs(measured)
+    evaluated = _together(robot, [log for log in logs if len(log) > 1])
+    for joint in joints:
+        alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
+        if alone:
+            evaluated[joint.name] = _alone(robot, joint, alone)
+    return evaluated
+
+
+def motion_logs(measured: FrictionRecords) -> list[dict[str, FrictionRecord]]:
+    """The logs of motions in order, each with the records of the joints that moved in it."""
     logs: dict[str, dict[str, FrictionRecord]] = {}
     for record in measured.records:
         if record.purpose == "motion":
             logs.setdefault(record.name, {})[record.joint] = record
-    evaluated = _together(robot, [log for log in logs.values() if len(log) > 1])
-    for joint in joints:
-        alone = [log[joint.name] for log in logs.values() if len(log) == 1 and joint.name in log]
-        if alone:
-            evaluated[joint.name] = _alone(robot, joint, alone)
-    return evaluated
+    return list(logs.values())
 
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
@@ -161,10 +167,10 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         groups.setdefault(tuple(log), []).append(log)
     evaluated: dict[str, JointMotion] = {}
     for joints, members in groups.items():
-        robot_logs = [_robot_log(robot, log) for log in members]
-        for log, robot_log in zip(members, robot_logs, strict=True):
+        robot_logs = [robot_log(robot, log) for log in members]
+        for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
-            check_torques(robot, measured, torques_in_file(robot, robot_log), next(iter(log.values())).place)
+            check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
         result = regress_robot_motion(robot, robot_logs)
         for joint in joints:
             pairs = zip(members, result.alone, strict=True)
@@ -185,7 +191,8 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
 
-def _robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
+def robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
+    """The motions of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
     angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
     every = zip(robot.driven, angles, strict=True)

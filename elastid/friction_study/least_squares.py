@@ -31,6 +31,8 @@ FALSE_ALARM = 0.01
 _HIGHEST_HZ, _LEAST_TERMS = 0.2, 8
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
+# Ridges that are tried, of columns of unit length.
+RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,14 @@ class Regression:
 
 @dataclass(frozen=True)
 class Solution:
-    """beta (n_x,), pi (n_r,), covariance of beta (n_x, n_x), and of the joints (m,) the fields of Regression."""
+    """beta (n_x,), pi (n_r,) and its std, covariance of beta (n_x, n_x), and of the joints (m,) fields of Regression.
+
+    pi_std: of residuals with as many independent ones as their correlation leaves.
+    """
 
     beta: FloatArray
     pi: FloatArray
+    pi_std: FloatArray
     covariance: FloatArray
     relative_error: FloatArray
     sum_of_squares: FloatArray
@@ -165,9 +171,40 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
     pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
+    normal = inverse_normal(np.hstack([flat_X, flat_R]))[n_x:, n_x:]
+    pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
-    return Solution(beta, pi, np.asarray(covariance), relative, squares, correlation)
+    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation)
+
+
+def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
+    r"""The numbers pi (n_r,) of `solution` by ridge regression, for the prediction of other logs.
+
+    .. math:: \min_\pi \sum_t |w\, (y - X \beta - R \pi)|^2 + \lambda^2 \sum_i (|w R_i|\, \pi_i)^2
+
+    lambda: that of RIDGES with which fifths of the record are predicted best by the rest of it. Numbers that the logs
+    barely excite are large, of either sign, and predict no other motion (Hoerl and Kennard, Technometrics 12, 1970).
+    """
+    X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
+    target = y - X @ solution.beta
+    weight = 1 / np.maximum(np.sqrt(np.mean((target - R @ solution.pi) ** 2, axis=0)), 1e-300)
+    target, R = weight * target, weight[:, None] * R
+    size = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300)
+    parts = np.array_split(np.arange(len(y)), 5)
+    errors = np.zeros(len(RIDGES))
+    for part in parts:
+        ends = _ridge(np.delete(R, part, axis=0) / size, np.delete(target, part, axis=0))
+        errors += [np.sum((target[part] - R[part] @ (pi / size)) ** 2) for pi in ends]
+    return np.asarray(_ridge(R / size, target)[int(np.argmin(errors))] / size)
+
+
+def _ridge(R: FloatArray, y: FloatArray) -> list[FloatArray]:
+    """The numbers (n_r,) of columns R (n, m, n_r) for each of RIDGES."""
+    U, s, Vt = np.linalg.svd(R.reshape(-1, R.shape[2]), full_matrices=False)
+    known = s > RANK_TOLERANCE * s[0]
+    part = U[:, known].T @ y.ravel()
+    return [Vt[known].T @ (s[known] / (s[known] ** 2 + ridge**2) * part) for ridge in RIDGES]
 
 
 def _terms(duration_s: float, logs: int) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, resample_poly, sosfiltfilt
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.base.statistics import f_test
@@ -128,12 +128,40 @@ class MotionSignals:
 RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
 
 
+@frozen_value
+class RigidBody:
+    r"""Base parameters of joints that moved together: numbers (n_b,) of the columns Y_b of a robot's rigid body.
+
+    .. math:: \tau = Y_b(q, \dot q, \ddot q)\, \pi_b, \qquad Y = Y_b\, regrouped
+
+    Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c in all; chosen: places of Y_b in it.
+    A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from it
+    (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters.
+    values: by least squares, with std; predicting: by ridge regression, for other logs (`shrunk_numbers`).
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    std: FloatArray
+    predicting: FloatArray
+    chosen: IntArray
+    regrouped: FloatArray
+    columns: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, those of their columns."""
+        return tuple(self.columns[i] for i in self.chosen)
+
+
 @dataclass(frozen=True)
 class MotionFriction:
     """The friction of an axis from a motion: with the same numbers in both directions, and with different ones.
 
     motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
     slides steadily.  held: parts that the motion cannot identify.  passband_hz: of the regression.  notes: on its data.
+    rigid_body: of joints that moved together, which they share.
     """
 
     motion: Motion
@@ -145,6 +173,7 @@ class MotionFriction:
     held: tuple[Held, ...]
     passband_hz: float = PASSBAND_HZ
     notes: tuple[Note, ...] = ()
+    rigid_body: RigidBody | None = None
 
     @property
     def chosen(self) -> Regression:

@@ -21,7 +21,7 @@ from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.lugre_shooting import LuGreFit
-from elastid.friction_study.motion import MotionFriction
+from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import Loops, Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.record import FrictionRecord
@@ -135,6 +135,12 @@ class FrictionResult:
     def numbers(self) -> tuple[FrictionNumber, ...]:
         """The table of all joints."""
         return tuple(number for joint in self.joints for number in joint.numbers)
+
+    @property
+    def rigid_bodies(self) -> tuple[RigidBody, ...]:
+        """Base parameters of each group of joints that moved together."""
+        bodies = (joint.motion.rigid_body for joint in self.joints if joint.motion is not None)
+        return tuple({body.joints: body for body in bodies if body is not None}.values())
 
 
 Truth = Mapping[str, float]

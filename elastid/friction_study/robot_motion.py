@@ -5,7 +5,7 @@ r"""Friction of several axes from a motion in which they move together, jointly 
 Y is the regressor of the robot's geometry; masses, inertias, rotors and offsets pi are taken out without having to be
 known (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12). Torques that the rigid
 body lacks (springs, counterbalances, couplings of gears) stay in the residuals: friction is known only as well as they
-are small.
+are small. The base parameters, with the columns that they belong to, give the rigid body's torque along other logs.
 """
 
 from __future__ import annotations
@@ -18,17 +18,30 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.special import ndtr
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.laws import Held
-from elastid.friction_study.least_squares import FALSE_ALARM, RANK_TOLERANCE, Equations, Regression, Solution, solve
-from elastid.friction_study.motion import Motion, MotionFriction, MotionSignals, parts_held, refuse_driving
+from elastid.friction_study.least_squares import (
+    FALSE_ALARM,
+    RANK_TOLERANCE,
+    Equations,
+    Regression,
+    Solution,
+    shrunk_numbers,
+    solve,
+)
+from elastid.friction_study.motion import Motion, MotionFriction, MotionSignals, RigidBody, parts_held, refuse_driving
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
+# Numbers of a joint's frame in the order of the regressor's columns, and their units.
+_OF_FRAME = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
+# Part of a column that is no combination of the base columns, above which other motions have not identified it.
+MAX_UNIDENTIFIED = 1e-3
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
@@ -57,13 +70,17 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
         )
     joints = tuple(logs[0].motions)
     signals = [{joint: MotionSignals.of(log.motions[joint], passband_hz) for joint in joints} for log in logs]
-    rigid = _rigid_columns(robot, logs, signals)
+    chosen, regrouped = _base_columns(robot, joints, logs, signals)
+    rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, signals, strict=True)]
     rate_hz = signals[0][joints[0]].kept_hz
-    solutions = [
-        solve([_equations(each, columns, apart) for each, columns in zip(signals, rigid, strict=True)], rate_hz)
-        for apart in (False, True)
-    ]
-    torques = [columns @ solutions[0].pi for columns in rigid]
+    pairs = list(zip(signals, rigid, strict=True))
+    equations = [[_equations(*pair, apart) for pair in pairs] for apart in (False, True)]
+    solutions = [solve(each, rate_hz) for each in equations]
+    names, units = zip(*_numbers(robot, joints), strict=True)
+    least, shrunk = solutions[0], shrunk_numbers(equations[0], solutions[0])
+    of_base = tuple(units[i] for i in chosen)
+    body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
+    torques = [columns @ body.values for columns in rigid]
     alone = tuple(
         {
             joint: replace(log.motions[joint], torque=log.motions[joint].torque - torque[:, i])
@@ -72,7 +89,10 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
         for log, torque in zip(logs, torques, strict=True)
     )
     friction = {
-        joint: _of_joint([(log[joint], each[joint]) for log, each in zip(alone, signals, strict=True)], i, *solutions)
+        joint: replace(
+            _of_joint([(log[joint], each[joint]) for log, each in zip(alone, signals, strict=True)], i, *solutions),
+            rigid_body=body,
+        )
         for i, joint in enumerate(joints)
     }
     return RobotMotion(friction, alone)
@@ -89,27 +109,90 @@ def torques_in_file(robot: Robot, log: RobotLog, passband_hz: float = ROBOT_PASS
     return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in signals.items()}
 
 
-def _rigid_columns(
-    robot: Robot, logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]]
-) -> list[FloatArray]:
-    """All columns but those of friction, at full rate (n, m, n_r) of each log: rigid body, rotors, offsets."""
+def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz: float) -> dict[str, FloatArray]:
+    """The torque (n,) of the identified rigid body along a log, of each joint of both; empty where there is none.
+
+    DataError where its motion takes numbers that the motions behind `body` have not identified.
+    """
+    rows = tuple(joint for joint in log.motions if joint in body.joints)
+    signals = {joint: MotionSignals.of(motion, passband_hz) for joint, motion in log.motions.items()}
+    if not rows:
+        return {}
+    sample = _sampled(robot, body.joints, rows, log, signals)
+    size = np.linalg.norm(sample, axis=0)
+    lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
+    lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
+    if lacking.any():
+        first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
+        raise DataError(
+            f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
+            f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move"
+        )
+    torques = _columns(robot, body.joints, rows, body.chosen, log, signals) @ body.predicting
+    return {joint: torques[:, i] for i, joint in enumerate(rows)}
+
+
+def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
+    """Name and unit of the number of each column: of all frames, then rotors and offsets of the joints."""
+    of_frames = [
+        (f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in zip(_OF_FRAME, _UNITS, strict=True)
+    ]
+    slides = {joint.name: joint.slides for joint in robot.joints}
+    rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
+    return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
+
+
+def _base_columns(
+    robot: Robot, joints: tuple[str, ...], logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]]
+) -> tuple[IntArray, FloatArray]:
+    """Places (n_b,) of columns that span all of those of friction's rest, and these as combinations of them (n_b, n_c).
+
+    All columns: rigid body (10 n_l), rotors (m) and offsets (m).
+    """
+    pairs = zip(logs, signals, strict=True)
+    sample = np.concatenate([_sampled(robot, joints, joints, log, each) for log, each in pairs])
+    chosen = np.array(_independent(sample), dtype=np.int64)
+    size = np.maximum(np.linalg.norm(sample, axis=0), 1e-300)
+    scaled = sample / size
+    regrouped = np.linalg.lstsq(scaled[:, chosen], scaled, rcond=None)[0] * size / size[chosen, None]
+    return chosen, np.asarray(regrouped)
+
+
+def _sampled(
+    robot: Robot,
+    joints: Sequence[str],
+    rows: Sequence[str],
+    log: RobotLog,
+    signals: Mapping[str, MotionSignals],
+) -> FloatArray:
+    """All columns at some 500 instants, (instants * rows, n_c)."""
+    every = np.arange(10 * len(robot.joints) + 2 * len(joints))
+    columns = _columns(robot, joints, rows, every, log, signals, few=True)
+    return columns.reshape(-1, len(every))
+
+
+def _columns(
+    robot: Robot,
+    joints: Sequence[str],
+    rows: Sequence[str],
+    chosen: IntArray,
+    log: RobotLog,
+    signals: Mapping[str, MotionSignals],
+    few: bool = False,
+) -> FloatArray:
+    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; few: at some 500 instants."""
     names = [joint.name for joint in robot.joints]
-    rows = [names.index(joint) for joint in signals[0]]
-    Y = regressor(robot)
-    states = [_states(names, log, each) for log, each in zip(logs, signals, strict=True)]
-    few = [state[:, :, :: max(1, state.shape[2] // 500)] for state in states]  # instants for the rank alone
-    sample = np.concatenate([_values(Y, state)[:, rows].reshape(-1, Y.size2_out(0)) for state in few])
-    chosen = _independent(sample)
-    q, v, a = (ca.SX.sym(name, len(names)) for name in "qva")
-    part = ca.Function("part", [q, v, a], [Y(q, v, a)[rows, chosen]])
-    m = len(rows)
-    columns = []
-    for state in states:
-        own = np.zeros((state.shape[2], m, 2 * m))
-        for i, row in enumerate(rows):
-            own[:, i, i], own[:, i, m + i] = state[2, row], 1.0
-        columns.append(np.concatenate([_values(part, state), own], axis=2))
-    return columns
+    state = _states(names, log, signals)
+    state = state[:, :, :: max(1, state.shape[2] // 500) if few else 1]
+    n_l, places, m = len(names), [names.index(joint) for joint in rows], len(joints)
+    q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
+    of_frames = chosen[chosen < 10 * n_l].tolist()
+    Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
+    own = np.zeros((state.shape[2], len(rows), 2 * m))
+    for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
+        k = list(joints).index(joint)
+        own[:, i, k], own[:, i, m + k] = state[2, place], 1.0
+    return np.concatenate([_values(Y, state), own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
 
 
 def _states(names: Sequence[str], log: RobotLog, signals: Mapping[str, MotionSignals]) -> FloatArray:

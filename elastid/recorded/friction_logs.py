@@ -62,9 +62,7 @@ def read_friction_logs(
     postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
     records: list[FrictionRecord] = []
     start_s = 0.0
-    stems = [Path(file.path).stem for file in recorded.files]
-    for i, (stem, file) in enumerate(zip(stems, recorded.files, strict=True), start=1):
-        name = f"{stem}-{i}" if stems.count(stem) > 1 else stem
+    for name, file in zip(recorded.log_names, recorded.files, strict=True):
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload = payloads.get(file.load, 0.0)
         of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()

@@ -11,6 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
@@ -41,7 +42,7 @@ class FrictionContent:
     """Results of a friction study, its text and its provenance; the page has no date and is reproducible.
 
     plan: of the passes, where they were planned here.  filters: of the joints that were followed.  twin: the
-    torque of motions part by part, and the model simulated along them.
+    torque of motions part by part, and the model simulated along them.  left_out: the same of logs that judge it.
     """
 
     title: str
@@ -51,6 +52,7 @@ class FrictionContent:
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
     twin: TwinFindings = NO_TWIN
+    left_out: Prediction = NO_PREDICTION
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:

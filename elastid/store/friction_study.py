@@ -13,6 +13,7 @@ from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_part, read_value
 from elastid.store.values import write_artefact
+from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
@@ -66,13 +67,18 @@ def read_levels(path: Path | str) -> tuple[JointLevels, ...]:
 
 
 def write_friction_result(
-    path: Path, result: FrictionResult, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
+    path: Path,
+    result: FrictionResult,
+    stamp: Stamp = NO_STAMP,
+    twin: TwinFindings = NO_TWIN,
+    left_out: Prediction = NO_PREDICTION,
 ) -> None:
-    """friction.h5: the numbers of all joints as a table, a group with everything, and the twin."""
+    """friction.h5: the numbers of all joints as a table, a group with everything, the twin, and logs that judge it."""
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
         "twin": (twin, TwinFindings),
+        "left_out": (left_out, Prediction),
     }
     write_artefact(path, FRICTION, stamp, parts)
 
@@ -80,6 +86,11 @@ def write_friction_result(
 def read_friction_result(path: Path | str) -> FrictionResult:
     """The result in friction.h5."""
     return read_part(path, FRICTION, "result", FrictionResult)
+
+
+def read_left_out(path: Path | str) -> Prediction:
+    """The prediction of the logs that were left out, in friction.h5; empty where none was."""
+    return read_part(path, FRICTION, "left_out", Prediction)
 
 
 def write_filter(path: Path, joints: Sequence[FollowedFriction], stamp: Stamp = NO_STAMP) -> None:

@@ -73,6 +73,15 @@ def validate(
     return Validation(agreements, _verdict(agreements, cost_p))
 
 
+def judged_elsewhere(
+    measured: Sequence[FrequencyResponse], modelled: Sequence[FrequencyResponse], shifts: Sequence[ComplexArray]
+) -> Validation:
+    """The modelled FRFs of a fit to other data; shifts: of each, as `agreement`."""
+    pairs = zip(measured, modelled, shifts, strict=True)
+    agreements = tuple(agreement(Ghat, G, True, shift) for Ghat, G, shift in pairs)
+    return Validation(agreements, _verdict(agreements, math.nan))
+
+
 def agreement(
     measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False, shifts: ComplexArray | None = None
 ) -> Agreement:
@@ -165,7 +174,9 @@ def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
     if math.isnan(db):
         return "The model cannot be judged: no line of the measured FRFs is above 2 sigma."
     sentence = f"off by {db:.2g} dB and {deg:.2g} deg rms"
-    if left_out:
+    if left_out and not fitted:
+        sentence = f"On the responses of these logs, which were not fitted, the model is {sentence}"
+    elif left_out:
         fitted_db, fitted_deg = _over(fitted)
         # Of a left-out configuration with more noise than the fitted ones no error is the model's.
         carries = generalises(db, fitted_db) or noise_p(left_out) >= FALSE_ALARM

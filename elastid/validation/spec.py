@@ -10,12 +10,12 @@ from elastid.base.section import Key, section
 
 @section
 class ValidationSpec:
-    """Configurations by which the model is judged."""
+    """Configurations, or logs of friction, by which the model is judged."""
 
     # fmt: off
-    left_out: Annotated[tuple[str, ...], Key("Configurations that are not fitted.", "one where there are five or more, "
-        "and not the most extreme one, which the others cannot predict; none leaves residual tests on fitted data "
-        "alone.")] = ()
+    left_out: Annotated[tuple[str, ...], Key("Configurations that are not fitted; in a study of friction logs of "
+        "motions, by the names of their files without extension.", "one where there are five or more, and not the most "
+        "extreme one, which the others cannot predict; none leaves residual tests on fitted data alone.")] = ()
     folds: Annotated[int, Key("Number of parts into which the other configurations are divided, each left out of one "
         "more fit; 0 for no cross-validation.", "3 to 5 where parameters are to be compared between parts of the data; "
         "each costs a fit.")] = 0
@@ -26,7 +26,7 @@ class ValidationSpec:
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 for none")
         if len(set(self.left_out)) < len(self.left_out):
-            raise ValueError(f"left_out repeats a configuration ({', '.join(self.left_out)})")
+            raise ValueError(f"left_out repeats a name ({', '.join(self.left_out)})")
 
 
 @section

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.moving_arm import motion
 from plants.studies import study as script
 
 from elastid.app import cli
@@ -78,9 +79,92 @@ def test_what_cannot_be_predicted_is_refused(
     """No result there, and a study of elasticity."""
     study = study_of("alone", 3, 12.0)
     assert command("predict", study, "--with", tmp_path / "nowhere", "--run", tmp_path / "run") == 2
-    assert "nowhere is not there; name the run folder of a study of friction" in capsys.readouterr().err
+    assert "the study identifies friction: name the run folder of another study of friction" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
     assert cli.run_command(["new", str(tmp_path / "elastic")]) == 0
     capsys.readouterr()
     assert command("predict", tmp_path / "elastic" / "study.yml", "--with", tmp_path) == 2
     assert "the study identifies elasticity" in capsys.readouterr().err
+
+
+TWO_AXES = """
+name: arm
+robot:
+  name: arm
+  bodies:
+    - {name: upper, mass: 3, inertia: 1, joints: [{name: "1", axis: y, motor: {inertia: 0.001, ratio: 100}}]}
+    - {name: lower, parent: upper, placement: {xyz: [0.6, 0, 0]}, mass: 2, inertia: 1,
+       joints: [{name: "2", axis: y, motor: {inertia: 0.001, ratio: 100}}]}
+friction: {passes: detect}
+experiment:
+  recorded:
+    rate_hz: 250
+    channels:
+      - {role: u, at: motor 1, channel: column 1}
+      - {role: u, at: motor 2, channel: column 2}
+      - {role: y, at: motor 1, channel: column 3, quantity: position}
+      - {role: y, at: motor 2, channel: column 4, quantity: position}
+    files: [{path: first.csv}, {path: second.csv}]
+validation: {left_out: [second]}
+"""
+
+
+def two_axes(folder: Path, name: str, seed: int, missing: float = 0.0) -> Path:
+    """A log of two axes under gravity whose masses are others than those of the study."""
+    motions = motion(seed, missing=missing)
+    columns = [each.torque for each in motions.values()] + [each.position for each in motions.values()]
+    np.savetxt(folder / name, np.stack(columns, axis=1), delimiter=",")
+    return folder / name
+
+
+def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_logs(tmp_path: Path) -> None:
+    """A log that was left out, and one of the command line, nearly as well as a regression of it; a spring is seen."""
+    study, run = tmp_path / "study.yml", tmp_path / "run"
+    study.write_text(TWO_AXES, encoding="utf-8")
+    two_axes(tmp_path, "first.csv", 1)
+    two_axes(tmp_path, "second.csv", 2)
+    assert command("run", study, "--run", run, "--jobs", "1") == 0
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    assert {row["log"] for row in summary["torque"]} == {"first"}
+    (body,) = summary["rigid_bodies"]
+    assert body["joints"] == ["1", "2"]
+    assert body["base_parameters"]["mcx_2"]["unit"] == "kg*m"
+    assert 'id="left-out"' in (run / "report.html").read_text(encoding="utf-8")
+    logs = two_axes(tmp_path, "third.csv", 3), two_axes(tmp_path, "sprung.csv", 4, missing=15.0)
+    words = [word for log in logs for word in ("--log", log)]
+    assert command("predict", study, "--with", run, *words, "--run", tmp_path / "other", "--jobs", "1") == 0
+    prediction = json.loads((tmp_path / "other" / "prediction.json").read_text(encoding="utf-8"))
+    left = {(row["log"], row["place"]): row for row in (*summary["left_out"]["torque"], *prediction["torque"])}
+    assert len(left) == 6
+    for (log, _), row in left.items():
+        assert set(row["shares"]) == {"rigid body", "viscous friction", "dry friction"}
+        assert row["left"] < row["left_without_friction"]
+        if log == "sprung":
+            assert row["left"] > 5e-3
+        else:
+            assert row["left"] < 2e-3
+        if log == "second":  # the others are regressed together, with the spring of one of them
+            assert row["left_by_own_regression"] <= 1.01 * row["left"]
+    assert (tmp_path / "other" / "prediction.png").is_file()
+    assert command("export", study, "--to", "csv", "--run", run) == 0
+    table = (run / "export" / "csv" / "base_parameters.csv").read_text(encoding="utf-8").splitlines()
+    assert len(table) == 1 + len(body["base_parameters"])
+
+
+@pytest.mark.slow
+def test_a_fitted_elastic_robot_explains_logs_that_stand_in_for_those_of_a_study(tmp_path: Path) -> None:
+    """The same logs from another folder: responses within the noise, and torque and motion of the twin within 1 %."""
+    assert cli.run_command(["new", str(tmp_path / "bench"), "--template", "recorded"]) == 0
+    study, fit = tmp_path / "bench" / "study.yml", ("--set", "fit.starts=1")
+    assert command("run", study, "--run", tmp_path / "run", "--jobs", "1", *fit) == 0
+    logs = [path.rename(tmp_path / path.name) for path in sorted((tmp_path / "bench" / "logs").iterdir())]
+    words = [word for log in logs for word in ("--log", log)]
+    assert command("predict", study, "--with", tmp_path / "run", *words, "--run", tmp_path / "other", *fit) == 0
+    prediction = json.loads((tmp_path / "other" / "prediction.json").read_text(encoding="utf-8"))
+    assert prediction["verdict"].startswith(
+        "On the responses of these logs, which were not fitted, the model is off by"
+    )
+    (torque,) = prediction["torque"]
+    assert {"rigid body", "elasticity", "viscous friction"} <= set(torque["shares"])
+    assert torque["left"] < 1e-2
+    assert all(signal["error"] < 1e-2 for run in prediction["twin"] for signal in run["signals"])

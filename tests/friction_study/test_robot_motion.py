@@ -6,48 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.moving_arm import COULOMB, RATE, VISCOUS, motion, two_axes
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_study.joint_levels import check_torques
-from elastid.friction_study.motion import Motion
-from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
-from elastid.model.rigid_body import inverse_dynamics
-from elastid.robot import Body, Joint, Motor, Placement, Robot
-
-RATE = 250.0
-COULOMB, VISCOUS = (9.0, 5.0), (14.0, 6.0)
-
-
-def two_axes() -> Robot:
-    """Two axes under gravity; the second is at the end of an arm of the first."""
-    motor = Motor(inertia=1e-3, ratio=100.0)
-    arm = {"mass": 12.0, "center_of_mass": (0.3, 0.05, 0.0), "inertia": (0.1, 0.5, 0.5)}
-    upper = Body("upper", joints=(Joint("1", "y", motor=motor),), **arm)  # type: ignore[arg-type]
-    lower = Body(
-        "lower", "upper", Placement((0.6, 0.0, 0.0)), joints=(Joint("2", "y", motor=motor),), **arm  # type: ignore[arg-type]
-    )  # fmt: skip
-    return Robot(name="two axes", bodies=(upper, lower))
-
-
-def motion(seed: int, noise: float = 0.5, missing: float = 0.0) -> dict[str, Motion]:
-    """20 s of both axes, torque noise correlated over 0.1 s; missing: Nm of a spring that no rigid body has."""
-    rng, robot = np.random.default_rng(seed), two_axes()
-    t = np.arange(round(20 * RATE)) / RATE
-    w = 2 * np.pi * np.array([0.15, 0.4, 0.7])
-    phase, size = rng.uniform(0, 6, (2, 3, 1)), np.array([0.5, 0.25, 0.1])[:, None]
-    q, v, a = (
-        np.sum(factor * np.sin(w[:, None] * t + phase + shift), axis=1)
-        for factor, shift in ((size, 0.0), (size * w[:, None], np.pi / 2), (-size * w[:, None] ** 2, 0.0))
-    )
-    theta = np.array([value for value, _ in robot.parameters().values()])
-    rigid = inverse_dynamics(robot)(q, v, a, np.tile(theta[:, None], len(t))).full()
-    rubbing = np.array(COULOMB)[:, None] * np.sign(v) + np.array(VISCOUS)[:, None] * v
-    slow = np.array(
-        [np.convolve(row, np.exp(-np.arange(100) / 25), "same") / 4 for row in rng.standard_normal(q.shape)]
-    )
-    torque: FloatArray = rigid + rubbing + noise * slow + missing * np.sin(5 * q)
-    return {name: Motion(f"joint {name}", RATE, q[i], torque[i]) for i, name in enumerate(("1", "2"))}
+from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, rigid_body_torques, torques_in_file
 
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
@@ -100,3 +63,31 @@ def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
     for factor, word in ((1 / 100, "of the motors: give their channels side: motor"), (100.0, "leave side: motor out")):
         with pytest.raises(DataError, match=word):
             check_torques(robot, {name: factor * torque for name, torque in torques.items()}, expected, "log.csv")
+
+
+def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
+    """Each is its number and those that the motions cannot separate from it, times the table of the regressor."""
+    inertia = np.diag([0.1, 0.5, 0.5])
+    m, c = 12.0, np.array([0.3, 0.05, 0.0])
+    about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+    frame = [m, *(m * c), *np.diag(about_origin), *about_origin[[0, 0, 1], [1, 2, 2]]]
+    truth = np.array([*frame, *frame, 0.0, 0.0, 0.0, 0.0])  # the logs have neither rotors nor offsets
+    scores = []
+    for seed in range(6):
+        body = regress_robot_motion(two_axes(), [RobotLog(motion(seed), {})]).friction["1"].rigid_body
+        assert body is not None
+        scores.append((body.values - body.regrouped @ truth) / body.std)
+    assert np.mean(np.abs(scores) < 1.96) >= 0.9
+    assert "mcx_2" in body.names
+
+
+def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -> None:
+    """Of both axes it holds for the first alone; of the first alone not for both."""
+    robot, both = two_axes(), RobotLog(motion(1), {})
+    first = RobotLog({"1": both.motions["1"]}, {"2": 0.4})
+    of_both, of_first = (regress_robot_motion(robot, [log]).friction["1"].rigid_body for log in (both, first))
+    assert of_both is not None
+    assert of_first is not None
+    assert set(rigid_body_torques(robot, of_both, first, 10.0)) == {"1"}
+    with pytest.raises(DataError, match="numbers of the rigid body that those behind the result have not identified"):
+        rigid_body_torques(robot, of_first, both, 10.0)

@@ -148,7 +148,7 @@ WRONG = [
         "experiment.simulated.carrier",
         "2 velocities for 1 motors",
     ),
-    ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "repeats a configuration (a, a)"),
+    ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "repeats a name (a, a)"),
     ("name: tiny", "name: " + "n" * 101, "name", "has 101 characters"),
     ("a: [0]", "c" * 101 + ": [0]", "experiment.configurations.c", "has 101 characters"),
     (

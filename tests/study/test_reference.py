@@ -11,7 +11,7 @@ from study.given_keys import PLACES, SECTIONS, given_in, in_python, in_yaml
 from elastid.app import cli
 from elastid.base.errors import StudyError
 from elastid.study import load, make_schema
-from elastid.study.checks.experiment import PLAN_KEYS
+from elastid.study.checks.unused import PLAN_KEYS
 from elastid.study.reference import explain, keys_of, list_keys, names_in, overview, text_of
 from elastid.study.sections import Study
 

@@ -46,7 +46,9 @@ from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
+from elastid.validation.friction_prediction import predict_logs
 from elastid.validation.friction_twin import friction_balances, friction_runs
+from elastid.validation.prediction import NO_PREDICTION
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
 
@@ -122,9 +124,11 @@ def import_motions(
     return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
-def levels(*, robot: Robot, friction_joints: tuple[Joint, ...], measure_file: Path, work: Work) -> Artefacts:
+def levels(
+    *, robot: Robot, friction_joints: tuple[Joint, ...], left_out: tuple[str, ...], measure_file: Path, work: Work
+) -> Artefacts:
     """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
-    measured = stored.read_friction_records(measure_file)
+    measured, _ = stored.read_friction_records(measure_file).divided(left_out)
     joints = [joint for joint in friction_joints if joint.name in measured.joints]
     joint_levels = find_joint_levels(robot, joints, measured)
 
@@ -143,12 +147,14 @@ def friction(
     robot: Robot,
     experiment: ExperimentSpec,
     friction: FrictionSpec,
+    left_out: tuple[str, ...],
     measure_file: Path,
     levels_file: Path,
     work: Work,
 ) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    joint_levels, measured = stored.read_levels(levels_file), stored.read_friction_records(measure_file)
+    joint_levels = stored.read_levels(levels_file)
+    measured, others = stored.read_friction_records(measure_file).divided(left_out)
     simulated, recorded = experiment.simulated, experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
@@ -157,8 +163,10 @@ def friction(
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
-    runs = friction_runs(identified, result.joints, measured, controller, Execution(work.jobs))
+    execution = Execution(work.jobs)
+    runs = friction_runs(identified, result.joints, measured, controller, execution)
     twin = TwinFindings(friction_balances(result.joints, measured), runs)
+    judged = predict_logs(identified, result.joints, others, controller, execution) if left_out else NO_PREDICTION
     reported = [note for each in joint_levels for note in each.notes]
 
     def report(console: Console) -> None:
@@ -166,14 +174,14 @@ def friction(
         console.say(f"friction: {result.message}")
         for balance in twin.balances:
             console.say(f"friction: {describe_balance(balance)}")
-        for words in twin.run_words:
+        for words in (*twin.run_words, *(f"left out: {words}" for words in judged.words)):
             console.say(f"friction: {words}")
 
     return Artefacts(
         {
-            "summary.json": as_json(friction_study_summary(name, result, twin)),
+            "summary.json": as_json(friction_study_summary(name, result, twin, judged)),
             "identified_robot.yml": text(robot_of_friction(name, robot, result)),
-            "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, twin),
+            "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, twin, judged),
         },
         report,
     )
@@ -193,7 +201,8 @@ def report_friction(
     plan = None if design_file is None else stored.read_friction_plan(design_file)
     filters = () if follow_file is None else stored.read_filter(follow_file)
     result, twin = stored.read_friction_result(friction_file), read_twin(friction_file, stored.FRICTION)
-    content = FrictionContent(name, result, text, work.stamp.shown, plan, filters, twin)
+    left_out = stored.read_left_out(friction_file)
+    content = FrictionContent(name, result, text, work.stamp.shown, plan, filters, twin, left_out)
     return page_artefacts(write_page_of_friction, content, report, work)
 
 

@@ -39,11 +39,11 @@ from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import TorqueBalance, describe_balance
-from elastid.validation.twin_run import TwinFindings, TwinRun
+from elastid.validation.twin_run import NO_TWIN, TwinFindings, TwinRun
 
 
 @dataclass(frozen=True)
-class _Validated:
+class Validated:
     """The values of a study that its validation reads, and its fitted robot."""
 
     name: str
@@ -81,7 +81,7 @@ def validate(
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     fitted = FittedRobot.of(result, robot, responses, model)
     friction = read_friction(estimate_file)
-    own = _Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction)
+    own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction)
     rig = None
     if measure_file is not None and design_file is not None:
         rig = SimulatedRig(robot, experiment, read_plan(design_file), seed)
@@ -89,10 +89,9 @@ def validate(
     if measure_file is None and experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
     with work.execution(unfinished) as execution:
-        judged, in_time = _validation(own, measure_file, work.console, execution)
-        runs = _twin_runs(own, measure_file, rig, execution) if measure_file is not None else ()
-    balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
-    twin = TwinFindings(balances, runs)
+        replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution)
+        judged = _validation(own, replays, execution)
+    balances = twin.balances
 
     def report(console: Console) -> None:
         for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
@@ -112,26 +111,33 @@ def validate(
     )
 
 
-def _validation(
-    own: _Validated, records: Path | None, console: Console, execution: Execution
-) -> tuple[Validation, list[_InTime]]:
-    """Prediction errors, the reasons for the cost, and the records through the model, none without records."""
+def replayed_in_time(
+    own: Validated, records: Path | None, rig: SimulatedRig | None, console: Console, execution: Execution
+) -> tuple[tuple[Replay, ...], TwinFindings]:
+    """The records through the fitted robot, its torques part by part, and its motion; nothing without records."""
+    if records is None:
+        return (), NO_TWIN
+    in_time = _records_in_time(own, records, console, execution)
+    balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
+    return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records, rig, execution))
+
+
+def _validation(own: Validated, replays: tuple[Replay, ...], execution: Execution) -> Validation:
+    """Prediction errors and the reasons for the cost."""
     left_out, responses, result = own.spec.left_out, own.responses, own.fitted.result
     modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
-    in_time = _records_in_time(own, records, console, execution) if records is not None else []
-    replays = tuple(replayed for replayed, _ in in_time)
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
     cost = explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit)
     replayed = describe_replays(replays) if replays else ""
     folded = describe_folds(folds, judged.fitted) if folds else ""
-    return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded), in_time
+    return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded)
 
 
-def _folds(own: _Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
+def _folds(own: Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
     parts = divide([r.configuration.name for r in responses], own.spec.folds) if own.spec.folds else ()
     if not parts:
         return ()
@@ -145,7 +151,7 @@ def _folds(own: _Validated, responses: Sequence[FrequencyResponse], execution: E
 _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 
 
-def _records_in_time(own: _Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
+def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
     """Of every configuration of records.h5; each process has a few records in memory at a time.
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
@@ -191,7 +197,7 @@ def _in_time(
     return replay(every, models.linear, models.theta, band_hz, spec), balances
 
 
-def _twin_runs(own: _Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:
+def _twin_runs(own: Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:
     """Simulations along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in own.spec.left_out if name in names), names[0])

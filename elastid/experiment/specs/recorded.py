@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.section import Key, section
@@ -202,6 +203,12 @@ class RecordedSpec:
                     f"the period of {file.path} is {samples:.6g} samples; it must be 2 at least: check period and "
                     "rate_hz"
                 )
+
+    @property
+    def log_names(self) -> tuple[str, ...]:
+        """The names that records of the files have: their stems, numbered where two are the same."""
+        stems = [Path(file.path).stem for file in self.files]
+        return tuple(f"{stem}-{i}" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1))
 
     @property
     def known_rate_hz(self) -> float:

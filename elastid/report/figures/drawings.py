@@ -18,6 +18,7 @@ from elastid.report.figures import design, fit, friction, modes, responses, vali
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
 
 if TYPE_CHECKING:
@@ -222,10 +223,17 @@ Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 
 
 def friction_study_drawings(
-    result: FrictionResult, filters: Sequence[FollowedFriction] = (), twin: TwinFindings = NO_TWIN
+    result: FrictionResult,
+    filters: Sequence[FollowedFriction] = (),
+    twin: TwinFindings = NO_TWIN,
+    left_out: Prediction = NO_PREDICTION,
 ) -> Iterator[Drawing]:
-    """The figures of all joints, and of the twin along their logs, to be drawn."""
+    """The figures of all joints, of the twin along their logs, and of logs that were left out, to be drawn."""
     yield from twin_drawings(twin.runs)
+    if left_out.twin.balances:
+        caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
+        octaves = partial(validation.octaves_figure, left_out.twin.balances, left_out.own)
+        yield Drawing("left-out", "left-out", caption, octaves)
     files = file_names([joint.joint for joint in result.joints], "friction")
     for file, joint in zip(files, result.joints, strict=True):
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,17 @@ from elastid.report.figures import style
 from elastid.report.overview import elements_of
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Replay, Validation
-from elastid.validation.twin import DRY, ELASTICITY, FRICTION, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance
+from elastid.validation.twin import (
+    DRY,
+    ELASTICITY,
+    FRICTION,
+    GRAVITY,
+    INERTIA,
+    MIN_POWER_SHARE,
+    RIGID_BODY,
+    VISCOUS,
+    TorqueBalance,
+)
 from elastid.validation.twin_run import TwinRun, TwinSignal
 
 # The quantities that have a map, in the order in which they stand.
@@ -175,6 +186,28 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     for axes in (parts, left):
         axes.legend(fontsize=style.SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 0.98))
     return figure
+
+
+def octaves_figure(balances: Sequence[TorqueBalance], own: Sequence[TorqueBalance] = ()) -> Figure:
+    """Rms of the torque left over its own rms, by axis and octave; own: by a regression of these logs, in brackets."""
+    edges = sorted({band.high_hz for balance in balances for band in balance.bands})
+    figure, ((axes,),) = style.panels(1, 1, (style.WIDE, 1.3 + 0.3 * len(balances)), (1.8, 0.25, 0.5, 0.55), (0.0, 0.0))
+    left = np.full((len(balances), len(edges)), np.nan)
+    regressed = {(o.place, o.log, band.high_hz): math.sqrt(band.left) for o in own for band in o.bands}
+    for i, balance in enumerate(balances):
+        for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
+            k = edges.index(band.high_hz)
+            left[i, k] = math.sqrt(band.left)
+            compared = regressed.get((balance.place, balance.log, band.high_hz))
+            text = f"{100 * left[i, k]:.0f}" + ("" if compared is None else f" ({100 * compared:.0f})")
+            axes.text(k, i, text, ha="center", va="center", fontsize=style.SMALL)
+    axes.imshow(np.minimum(left, 1.0), cmap="Oranges", vmin=0.0, vmax=1.2, aspect="auto")
+    axes.set_xticks(range(len(edges)), [f"{edge:.3g}" for edge in edges])
+    style.set_names(axes.yaxis, [f"{balance.place}, {balance.log}" for balance in balances])
+    known = all(balance.rate_is_known for balance in balances)
+    style.label(axes, f"octave below {'Hz' if known else 'sampling rates'}")
+    title = "Torque left, % of its rms" + (" (by a regression of these logs)" if own else "")
+    return style.finish(figure, title)
 
 
 def _draw_bands(axes: Axes, balance: TorqueBalance) -> None:

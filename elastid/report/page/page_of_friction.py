@@ -104,7 +104,7 @@ def write_page_of_friction(
 ) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
     front = pages_of(content.title, content.answers, content.provenance, _text(content))
-    drawn = friction_study_drawings(content.result, content.filters, content.twin)
+    drawn = friction_study_drawings(content.result, content.filters, content.twin, content.left_out)
     return write_page(content.title, partial(html_of_friction, content), drawn, front, folder, formats, execution)
 
 
@@ -141,5 +141,7 @@ def _text(content: FrictionContent) -> Iterator[str]:
     if content.result.numbers:
         yield from columns([NUMBER_HEADINGS, *map(number_cells, content.result.numbers)])
     yield from twin_text(content.twin)
+    for words in content.left_out.words:
+        yield from ("", *wrapped(f"Left out: {words}"))
     for refusal in refusals(content.result):
         yield from wrapped(f"- joint {', '.join(refusal.joints)}, no {refusal.part}: {refusal.reason}", "  ")

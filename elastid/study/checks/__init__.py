@@ -16,7 +16,6 @@ from elastid.study.checks.experiment import (
     check_estimator,
     check_excitation,
     check_lines,
-    check_plan_keys,
     check_simulated,
     check_structure,
 )
@@ -24,6 +23,7 @@ from elastid.study.checks.fit import check_fit, check_model, check_moved_inertia
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
+from elastid.study.checks.unused import check_unused
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
@@ -33,12 +33,10 @@ __all__ = ["check_lines", "check_study"]
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
-    yield from check_plan_keys(study)
+    yield from check_unused(study)
     if study.friction is not None:
         yield from check_friction(study, base)
         return
-    if study.filter is not None:
-        yield Problem(("filter",), "a filter follows friction; give friction (the joints), or drop it", at_key=True)
     if experiment.recorded is not None:
         yield from check_recorded(study, experiment.recorded, base)
     if experiment.responses is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -26,27 +25,7 @@ from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
-# Keys of a plan, which logs and responses from elsewhere do not follow.
-PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 _SIMULATED: KeyPath = ("experiment", "simulated")
-# Sections that only stages with a robot read.
-_OF_A_ROBOT = ("excitation", "design", "model", "fit", "validation", "compare")
-
-
-def check_plan_keys(study: Study) -> Iterator[Problem]:
-    """None of a plan where there is none: logs and responses have their own realisations and periods."""
-    experiment = study.experiment
-    defaults = {f.name: f.default for f in fields(experiment)}
-    for key in PLAN_KEYS if experiment.simulated is None else ():
-        if getattr(experiment, key) != defaults[key]:
-            message = (
-                f"the experiment is {experiment.kind}: its files determine this; drop the key (files[].realisation "
-                "numbers realisations, estimator.transient_periods leaves periods out)"
-            )
-            yield Problem(("experiment", key), message, at_key=True)
-    if experiment.simulated is None and experiment.experiments is not None:
-        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
-        yield Problem(("experiment", "experiments"), message, at_key=True)
 
 
 def check_count(study: Study) -> Iterator[Problem]:
@@ -165,10 +144,6 @@ def check_structure(study: Study) -> Iterator[Problem]:
         message = "the experiment is simulated, and the robot is what the rig simulates; give the path of its file"
         yield Problem(("robot",), message, at_key=True)
         return
-    for section, default in ((f.name, f.default) for f in fields(Study) if f.name in _OF_A_ROBOT):
-        if getattr(study, section) != default:
-            message = "this section needs a robot, and the study has none; give robot: its file, or drop the section"
-            yield Problem((section,), message, at_key=True)
     if not experiment.configurations:
         message = (
             "no configuration is given; name each state of the structure that was measured, for example {bench: []}"
@@ -296,9 +271,6 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
             problem = "no configuration is given; name at least one, or add a section `design` that chooses them"
             yield Problem(("experiment", "configurations"), problem)
         return
-    if study.experiment.recorded is not None:
-        problem = "the experiment is recorded: what was measured cannot be chosen any more; drop this section"
-        yield Problem(_DESIGN, problem, at_key=True)
     if study.excitation is not None and study.experiment.simulated is not None:
         n_u = len(study.as_robot().driven)
         if refused := robot_time_refusal(design, study.excitation, study.experiment, n_u):

@@ -7,17 +7,14 @@ from pathlib import Path
 
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.fit.spec import FitSpec
-from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
-from elastid.study.checks.names import unknown
+from elastid.study.checks.names import check_names, unknown
 from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, joint_called
 from elastid.study.source import KeyPath
-from elastid.validation.spec import CompareSpec, ValidationSpec
 
 _FRICTION: KeyPath = ("friction",)
 _PASSES: KeyPath = ("friction", "passes")
@@ -30,7 +27,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     if study.robot is None:
         yield Problem(_FRICTION, "friction is that of a robot's joints; give robot (the path of its file)", at_key=True)
         return
-    yield from _check_sections(study)
     yield from _check_joints(study, spec)
     for i, load in enumerate(spec.loads):
         yield from _check_load(study, load, (*_FRICTION, "loads", i))
@@ -46,21 +42,6 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:
         yield from _check_passes(spec, joint)
-
-
-def _check_sections(study: Study) -> Iterator[Problem]:
-    for name in ("excitation", "design"):
-        if getattr(study, name) is not None:
-            message = f"friction is measured by passes and loops, not by {name}; drop this section, or friction"
-            yield Problem((name,), message, at_key=True)
-    unused = {"estimator": EstimatorSpec(), "fit": FitSpec(), "validation": ValidationSpec(), "compare": CompareSpec()}
-    for name, default in unused.items():
-        if getattr(study, name) != default:
-            message = f"no stage of a study of friction uses {name}; drop this section, or friction"
-            yield Problem((name,), message, at_key=True)
-    if study.experiment.responses is not None:
-        message = "friction is found in motions, not in frequency responses; give logs (recorded) or simulated"
-        yield Problem(("experiment", "responses"), message, at_key=True)
 
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
@@ -119,6 +100,7 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
+    yield from _check_left_out(study, recorded)
     measured = any(channel.role == "t" for channel in recorded.channels)
     stated = any(file.temperature is not None for file in recorded.files)
     if study.as_friction().law.temperature == "yes" and not (measured or stated):
@@ -127,6 +109,15 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             "no log has a temperature; add a channel of role t and quantity temperature, give files[].temperature, or "
             "leave this key to auto",
         )
+
+
+def _check_left_out(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+    left_out = study.validation.left_out
+    motions = [name for name, file in zip(recorded.log_names, recorded.files, strict=True) if file.purpose == "motion"]
+    yield from check_names(("validation", "left_out"), "log of a motion", left_out, motions)
+    if set(left_out) >= set(recorded.log_names):
+        message = "every log is left out; leave at least one to identify from"
+        yield Problem(("validation", "left_out"), message)
 
 
 def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:

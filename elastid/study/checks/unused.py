@@ -1,0 +1,101 @@
+"""Keys that no stage of a kind of study uses: refused where they differ from their default, with advice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields
+from typing import Any
+
+from elastid.study.messages import Problem
+from elastid.study.sections import Kind, Study
+from elastid.study.source import KeyPath
+
+
+@dataclass(frozen=True)
+class Unused:
+    """Dotted keys (* for the entries of a list) that some kinds of study do not use, and why."""
+
+    kinds: tuple[Kind, ...]
+    keys: tuple[str, ...]
+    why: str
+
+
+_FRICTION: tuple[Kind, ...] = ("friction", "friction-recorded")
+_LOGS: tuple[Kind, ...] = ("recorded", "frf")
+_RESPONSES: tuple[Kind, ...] = ("responses", "frf-responses")
+# Keys of a plan, which logs and responses from elsewhere do not follow.
+PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
+_RECORDS = (
+    "lines", "transient_periods", "outlier_sigma", "local_order", "window", "segment", "resolution_hz",
+)  # fmt: skip
+_FILES = "experiment.recorded.files.*."
+
+UNUSED = (
+    Unused(_FRICTION, ("excitation", "design"), "friction is measured by passes and loops, not by {key}; drop this "
+           "section, or friction"),
+    Unused(_FRICTION, ("estimator", "model", "fit", "compare"), "no stage of a study of friction uses {key}; drop this "
+           "section, or friction"),
+    Unused(_FRICTION, ("validation.folds",), "a study of friction has no folds; name logs in validation.left_out"),
+    Unused(("friction",), ("validation.left_out",), "it names logs, and this experiment is simulated; drop this key"),
+    Unused(("friction",), tuple(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")), "it is of multisines; the "
+           "motions of a study of friction are given in friction: drop this key"),
+    Unused(("friction",), ("experiment.simulated.outputs", "experiment.simulated.carrier",
+           "experiment.simulated.warming"), "the rig of a study of friction logs the motor that it moves, without a "
+           "carrier, and its joints warm by experiment.simulated.heat; drop this key"),
+    Unused(("recorded", "responses"), ("design",), "the experiment is {kind}: what was measured cannot be chosen any "
+           "more; drop this section"),
+    Unused(("simulated", *_LOGS, *_RESPONSES), ("filter",), "a filter follows friction; give friction (the joints), or "
+           "drop it"),
+    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "validation", "compare"), "this section "
+           "needs a robot, and the study has none; give robot: its file, or drop the section"),
+    Unused((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in PLAN_KEYS), "the "
+           "experiment is {kind}: its files determine this; drop the key (files[].realisation numbers realisations, "
+           "estimator.transient_periods leaves periods out)"),
+    Unused((*_LOGS, *_RESPONSES, "friction-recorded"), ("experiment.experiments",), "the experiment is {kind}: its "
+           "files determine the number of experiments; drop this key"),
+    Unused(_FRICTION, ("experiment.responses",), "friction is found in motions, not in frequency responses; give logs "
+           "(recorded) or simulated"),
+    Unused(("simulated",), ("experiment.simulated.heat",), "it is of studies of friction; drop this key, or give "
+           "warming"),
+    Unused(("friction-recorded",), ("friction.rate_hz",), "it is of designs; logs have experiment.recorded.rate_hz: "
+           "drop this key"),
+    Unused(("friction-recorded",), ("friction.loads.*.configuration",), "a log names its posture itself, by "
+           "files[].configuration: drop this key"),
+    Unused(("friction-recorded",), ("experiment.recorded.period", "experiment.recorded.period_samples",
+           "experiment.recorded.half_wave", f"{_FILES}realisation", f"{_FILES}experiment"), "motions of friction are "
+           "evaluated without periods and realisations; drop this key"),
+    Unused(("friction-recorded", "frf", "frf-responses"), ("seed",), "nothing in this study is drawn at random; drop "
+           "this key"),
+    Unused(_LOGS, tuple(f"{_FILES}{key}" for key in ("joint", "purpose", "speed", "load", "temperature")), "it is of "
+           "logs of friction; drop this key, or give friction"),
+    Unused(_RESPONSES, tuple(f"estimator.{key}" for key in _RECORDS), "it is of records, and the responses of this "
+           "study are estimated already; drop this key"),
+)  # fmt: skip
+
+
+def check_unused(study: Study) -> Iterator[Problem]:
+    """Of a simulated study without its robot none: its kind is not known."""
+    if study.robot is None and study.experiment.simulated is not None:
+        return
+    for each in UNUSED:
+        for key in each.keys if study.kind in each.kinds else ():
+            for path in _given(study, tuple(key.split("."))):
+                yield Problem(path, each.why.format(key=key, kind=study.experiment.kind), at_key=True)
+
+
+def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:
+    """The places under these steps that differ from their default."""
+    step, *rest = steps
+    if value is None:
+        return
+    if step == "*":
+        for i, entry in enumerate(value):
+            yield from _given(entry, tuple(rest), (*path, i))
+        return
+    field = next(each for each in fields(value) if each.name == step)
+    default = field.default if field.default_factory is MISSING else field.default_factory()
+    given = getattr(value, step)
+    if rest:
+        yield from _given(given, tuple(rest), (*path, step))
+    elif given != default:
+        yield (*path, step)
