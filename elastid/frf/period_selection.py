@@ -40,7 +40,7 @@ class Limits:
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
     lines_in_group: int = 5  # at least
-    asymmetry: float = 1.6  # distance of the first period from the second half over that of the last from the first
+    asymmetry: float = 1.5  # distance of the first period from the second half over that of the last from the first
     periods: int = 5  # an outlier cannot be identified among fewer
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
