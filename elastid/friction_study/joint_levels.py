@@ -24,7 +24,8 @@ from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import levels_of_records
-from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.motion import MotionFriction, regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.pass_checks import angle_note, check_counts
 from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
@@ -103,7 +104,8 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         except DataError as error:
             problems.append(str(error))
     try:
-        friction = regress_motion(*(_motion(record, against) for record in records))
+        turn = 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
+        friction = regress_motion(*(_motion(record, against, turn) for record in records))
     except DataError as error:
         problems.append(str(error))
     enough = _enough(passes)
@@ -154,9 +156,11 @@ def _robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
     return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
 
 
-def _motion(record: FrictionRecord, against_gravity: bool) -> Motion:
-    place = f"joint {record.joint}"
-    return Motion(place, record.rate_hz, record.position, record.torque, record.slides, against_gravity)
+def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
+    place, rate_hz = f"joint {record.joint}", record.rate_hz
+    return Motion(
+        place, rate_hz, record.position, record.torque, record.slides, against_gravity, turn, record.load_torque
+    )
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import pytest
 from scipy.io import loadmat
 
 from elastid.base.errors import DataError
-from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.motion import MotionFriction, regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.passes import distinct_speeds
 
 RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"

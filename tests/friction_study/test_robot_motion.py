@@ -10,7 +10,7 @@ import pytest
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_study.joint_levels import check_torques
-from elastid.friction_study.motion import Motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Body, Joint, Motor, Placement, Robot

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from elastid.friction_study.motion import Motion, regress_motion
+from elastid.friction_study.motion import regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
