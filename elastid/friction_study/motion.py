@@ -47,7 +47,8 @@ class MotionLimits:
     """Limits of the judgement of a motion (scripts/studies/friction_from_motion.py)."""
 
     narrow: float = 0.25  # of the passband, in which a true model has the same numbers
-    max_shift: float = 2.8  # of a number between both bands, over its std, from which on the model is a misfit
+    max_shift: float = 2.8  # of a number between both bands, over its std, that counts as an error of the model
+    inertia_shift: float = 0.9  # of the inertia then, over the std that it is stated with, in a misfit
     max_error: float = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
 
 
@@ -127,12 +128,14 @@ def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[Mo
     worst = int(np.argmax(np.abs(shift) / std))
     if (stds := abs(shift[worst] / std[worst])) > LIMITS.max_shift:
         narrow, name = LIMITS.narrow * fit.passband_hz, chosen.names[worst]
+        is_elastic = abs(shift[0]) > LIMITS.inertia_shift * chosen.std("inertia")
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(shift, shift))
-        texts.append(
-            f"below {narrow:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, as a spring between "
-            "motor and link makes it and a rigid axis does not; move more slowly, or identify the spring from "
-            "frequency responses"
-        )
+        if is_elastic:
+            texts.append(
+                f"below {narrow:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, and the inertia "
+                "other, as a spring between motor and link makes them and a rigid axis does not; move more slowly, or "
+                "identify the spring from frequency responses"
+            )
     names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
     error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)
     if chosen.widening > 1 and error > LIMITS.max_error:

@@ -47,6 +47,7 @@ class Motion:
 class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives, torque as logged; direction: sgn of the velocity.
 
+    derivatives (2, n): velocity and acceleration of the position as logged, which the filter of both sides smooths.
     taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
     """
 
@@ -54,6 +55,7 @@ class MotionSignals:
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    derivatives: FloatArray
     direction: FloatArray
     torque: FloatArray
     taps: FloatArray
@@ -81,13 +83,17 @@ class MotionSignals:
         samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
         velocity, acceleration = (np.asarray(spline(samples / rate, nu=order)) for order in (1, 2))
+        logged = make_interp_spline(samples / rate, motion.position, k=5)
+        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
         instants = np.arange(finer * len(position)) / (finer * rate)
         direction = resample_poly(np.sign(spline(instants, nu=1)), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
         kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
-        return cls(rate, position, velocity, acceleration, direction, motion.torque, taps, kept, passband_hz)
+        return cls(
+            rate, position, velocity, acceleration, derivatives, direction, motion.torque, taps, kept, passband_hz
+        )
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
@@ -133,9 +132,7 @@ def columns_of(
     motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
-    samples = np.arange(len(motion.position)) / signals.rate_hz
-    spline = make_interp_spline(samples, motion.position, k=5)
-    velocity, acceleration = (np.asarray(spline(samples, nu=order)) for order in (1, 2))
+    velocity, acceleration = signals.derivatives
     raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
