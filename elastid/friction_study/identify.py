@@ -157,9 +157,9 @@ def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
     measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
-    names = [name for name in ("stiction", "stribeck_velocity") if name in fit.names]
+    has_stribeck = "stiction" in fit.names
     return Friction(
-        fit["coulomb"], **{name: fit[name] for name in names},
+        fit["coulomb"], fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
         load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
         directions=Directions(**apart) if apart else None, measured=measured,
     ), viscous  # fmt: skip

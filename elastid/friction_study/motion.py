@@ -159,12 +159,13 @@ def _shift_in_narrow_band(
         return none
     if any(each.used.all() for each in narrow):
         return none
-    inner = [slice(each.kept.start, each.kept.stop, wide.kept.step) for each, wide in zip(narrow, signals, strict=True)]
+    inner = [slice(each.kept.start, each.kept.stop, own.kept.step) for each, own in zip(narrow, signals, strict=True)]
     both = [
         [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
     ]
     terms = MotionTerms.of(fit.chosen)
-    shift, std = shift_between(*(equations_of(motions, each, terms)[1] for each in both), signals[0].kept_hz)
+    wide, slow = (equations_of(motions, each, terms)[1] for each in both)
+    shift, std = shift_between(wide, slow, signals[0].kept_hz)
     names = [name for name in fit.chosen.names if name != "stribeck_velocity"]  # held in both
     judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
     places = [fit.chosen.names.index(names[i]) for i in judged]
