@@ -275,6 +275,8 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
     """The regression of a motion with directions apart and equal: which of them counts, and the rest of each."""
     equal = motion.alike
     return {
+        "misfit": motion.misfit,
+        "seconds": json_value(motion.seconds),
         "directions_apart": motion.are_apart,
         "relative_error": json_value(motion.apart.relative_error),
         "relative_error_alike": json_value(equal.relative_error),

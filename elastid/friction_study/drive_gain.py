@@ -16,7 +16,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.least_squares import Equations, solve
-from elastid.friction_study.motion import PASSBAND_HZ, Motion, MotionSignals
+from elastid.friction_study.motion import PASSBAND_HZ
+from elastid.friction_study.motion_signals import Motion, MotionSignals
 
 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
@@ -26,8 +27,9 @@ def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tupl
         signals = MotionSignals.of(motion, PASSBAND_HZ)
         q, v = signals.position, signals.velocity
         rest = [signals.acceleration, v, np.abs(v), signals.direction, np.ones_like(q), np.cos(q), np.sin(q)]
-        X, R = signals.filtered(payload), signals.filtered(np.stack(rest, axis=1))
-        equations.append(Equations(X[:, None, None], R[:, None, :], signals.filtered(motion.torque)[:, None]))
+        sides = (payload[:, None, None], np.stack(rest, axis=1)[:, None, :], motion.torque[:, None])
+        X, R, y = (signals.filtered(side) * signals.used.reshape(-1, *[1] * (side.ndim - 1)) for side in sides)
+        equations.append(Equations(X, R, y, np.zeros((len(y), 0))))
     solution = solve(equations, MotionSignals.of(motions[0], PASSBAND_HZ).kept_hz)
     return float(solution.beta[0]), float(np.sqrt(solution.covariance[0, 0]))
 

@@ -38,7 +38,7 @@ from elastid.friction_study.result import (
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
-from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
+from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
@@ -53,9 +53,12 @@ def identify_friction(
     """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
+    if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
+        status = "misfit"
     if all(joint.friction is None for joint in joints):
         status = "failed"
-    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints)
+    numbers = [f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints]
+    message = "; ".join([*misfits, *numbers])
     return FrictionResult(joints, measured.notes, status, message)
 
 
@@ -157,7 +160,12 @@ def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
     measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
-    return Friction(fit["coulomb"], directions=Directions(**apart) if apart else None, measured=measured), viscous
+    has_stribeck = "stiction" in fit.names
+    return Friction(
+        fit["coulomb"], fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
+        load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
+        directions=Directions(**apart) if apart else None, measured=measured,
+    ), viscous  # fmt: skip
 
 
 def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre | None:

@@ -25,7 +25,8 @@ from elastid.base.note import Note
 from elastid.friction_study.drive_gain import find_gain, gain_note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.levels import PassLevels, levels_of_records
-from elastid.friction_study.motion import PASSBAND_HZ, Motion, MotionFriction, MotionSignals, regress_motion
+from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
+from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.pass_checks import angle_note, check_counts
 from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
 from elastid.friction_study.result import JointLevels
@@ -80,7 +81,7 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
         )
     signals, rigid = [], []
     for record in records:
-        log = _robot_log(robot, {joint.name: record})
+        log = robot_log(robot, {joint.name: record})
         signals.append(MotionSignals.of(log.motions[joint.name], PASSBAND_HZ))
         rigid.append(torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name])
     loaded = with_point_mass(robot, records[0].payload)
@@ -133,7 +134,8 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             notes += lone_plateaus(record, own)
         except DataError as error:
             problems.append(str(error))
-    motions, gain = [_motion(record, against) for record in records], None
+    turn = 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
+    motions, gain = [_motion(record, against, turn) for record in records], None
     try:
         if len({record.payload for record in records}) > 1:
             carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
@@ -155,7 +157,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
     """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
-    log = _robot_log(robot, {record.joint: record})
+    log = robot_log(robot, {record.joint: record})
     robots = with_point_mass(robot, mass), robot
     loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
     return loaded - empty
@@ -200,9 +202,11 @@ def robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
     return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
 
 
-def _motion(record: FrictionRecord, against_gravity: bool) -> Motion:
-    place = f"joint {record.joint}"
-    return Motion(place, record.rate_hz, record.position, record.torque, record.slides, against_gravity)
+def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
+    place, rate_hz = f"joint {record.joint}", record.rate_hz
+    return Motion(
+        place, rate_hz, record.position, record.torque, record.slides, against_gravity, turn, record.load_torque
+    )
 
 
 @dataclass(frozen=True)

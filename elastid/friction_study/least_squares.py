@@ -10,6 +10,10 @@ and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need n
 by the residuals of their torques. The covariance of beta takes neither time nor joints for independent: it is that of
 the slowest B cosines of the scores of each log, with Student's quantile of B degrees of freedom in it (Lazarus, Lewis,
 Stock and Watson, J. Business & Economic Statistics 36, 2018).
+
+Errors of the model repeat with the state, not with time: a motion that is repeated repeats them. The scores in the
+order of a state (angle, velocity) make a covariance of the same kind; where it is larger than the one over time beyond
+chance, it counts.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.special import stdtrit
+from scipy.special import fdtri, stdtr, stdtrit
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.statistics import QUANTILE_95, f_test
@@ -29,6 +33,8 @@ from elastid.base.statistics import QUANTILE_95, f_test
 FALSE_ALARM = 0.01
 # Highest frequency of the cosines of a covariance, below that of motions, and their least number in all logs.
 _HIGHEST_HZ, _LEAST_TERMS = 0.2, 8
+# Cosines over a state, and the chance from which on a larger covariance over a state is none.
+_STATE_TERMS, _STATE_CHANCE = 8, 0.05
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
 # Ridges that are tried, of columns of unit length.
@@ -95,16 +101,23 @@ def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
 
 @frozen_value
 class Equations:
-    """Of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m)."""
+    """Of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m).
+
+    Rows that are not used are zero.  states (n, n_s): with which errors of the model may repeat; none of them: (n, 0).
+    """
 
     X: FloatArray
     R: FloatArray
     y: FloatArray
+    states: FloatArray
 
 
 @dataclass(frozen=True)
 class Regression:
-    """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next."""
+    """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next.
+
+    dof: of the covariance.  widening: of the most widened std by errors of the model that repeat with a state.
+    """
 
     names: tuple[str, ...]
     values: FloatArray
@@ -112,6 +125,8 @@ class Regression:
     relative_error: float
     sum_of_squares: float
     correlation: float
+    dof: int
+    widening: float
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.names.index(name)])
@@ -121,12 +136,19 @@ class Regression:
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
+    def chance(self, name: str, sign: int) -> float:
+        """Chance of a number as far from zero on the side of the sign, or on either for 0, where it is zero."""
+        quantile = float(stdtrit(self.dof, 0.975))  # at which the std stands for 1.96
+        t = self[name] / max(self.std(name), 1e-300) * quantile / QUANTILE_95
+        return float(stdtr(self.dof, -sign * t) if sign else 2 * stdtr(self.dof, -abs(t)))
+
 
 @dataclass(frozen=True)
 class Solution:
     """beta (n_x,), pi (n_r,) and its std, covariance of beta (n_x, n_x), and of the joints (m,) fields of Regression.
 
-    pi_std: of residuals with as many independent ones as their correlation leaves.
+    pi_std: of residuals with as many independent ones as their correlation leaves.  widening (n_x,): by errors of the
+    model that repeat with a state, and is in the covariance.
     """
 
     beta: FloatArray
@@ -136,16 +158,22 @@ class Solution:
     relative_error: FloatArray
     sum_of_squares: FloatArray
     correlation: FloatArray
+    dof: int
+    widening: FloatArray
 
     def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
         """The chosen numbers, those of a single joint."""
-        of_fit = (float(each[joint]) for each in (self.relative_error, self.sum_of_squares, self.correlation))
-        return Regression(tuple(names), self.beta[list(chosen)], self.covariance[np.ix_(chosen, chosen)], *of_fit)
+        error, squares, correlation = self.relative_error[joint], self.sum_of_squares[joint], self.correlation[joint]
+        covariance, widening = self.covariance[np.ix_(chosen, chosen)], float(self.widening[list(chosen)].max())
+        values = self.beta[list(chosen)]
+        return Regression(
+            tuple(names), values, covariance, float(error), float(squares), float(correlation), self.dof, widening
+        )
 
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """The numbers that all logs share; rate_hz: of the instants."""
-    X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
+    X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
     (n, m), n_x = y.shape, X.shape[2]
     weight = np.ones(m)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
@@ -163,11 +191,14 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
-    covariance = bread @ meat @ bread / np.outer(size, size)
-    covariance *= (float(stdtrit(sum(terms), 0.975)) / QUANTILE_95) ** 2
+    dof = sum(terms)
+    covariance = bread @ meat @ bread * _student(dof)
+    widening = _widening(bread, scores, states, np.diag(covariance), dof)
+    covariance *= np.outer(widening, widening) / np.outer(size, size)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
-    independent = float(np.sum(n * (1 - correlation) / (1 + correlation)))
+    used = np.any(X, axis=2).sum(axis=0)
+    independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
     covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
     pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
@@ -175,7 +206,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
-    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation)
+    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening)
 
 
 def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
@@ -205,6 +236,43 @@ def _ridge(R: FloatArray, y: FloatArray) -> list[FloatArray]:
     known = s > RANK_TOLERANCE * s[0]
     part = U[:, known].T @ y.ravel()
     return [Vt[known].T @ (s[known] / (s[known] ** 2 + ridge**2) * part) for ridge in RIDGES]
+
+
+def shift_between(
+    first: Sequence[Equations], second: Sequence[Equations], rate_hz: float
+) -> tuple[FloatArray, FloatArray]:
+    """Numbers (n_x,) of one joint in the second equations less those in the first, and its std.
+
+    Both of the same logs, instant by instant: their residuals are correlated, and the std is that of the difference.
+    """
+    numbers, influences = [], []
+    for logs in (first, second):
+        X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
+        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+        inverse = np.linalg.pinv(X / size)
+        numbers.append(inverse @ y / size)
+        influences.append(inverse.T * (y - X @ numbers[-1])[:, None] / size)
+    parts = np.split(influences[1] - influences[0], np.cumsum([len(log.y) for log in first])[:-1])
+    terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
+    variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
+    return np.asarray(numbers[1] - numbers[0]), np.asarray(np.sqrt(variance * _student(sum(terms))))
+
+
+def _student(dof: int) -> float:
+    """Factor of a variance of so many degrees of freedom, after which 1.96 std are the 95 % interval."""
+    return float(stdtrit(dof, 0.975) / QUANTILE_95) ** 2
+
+
+def _widening(bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: int) -> FloatArray:
+    """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
+    used, widening = np.any(scores, axis=1), np.ones(len(bread))
+    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * _student(_STATE_TERMS) / _student(dof)
+    for state in states.T:
+        ordered = scores[used][np.argsort(state[used])]
+        own = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * _student(_STATE_TERMS)
+        ratio = own / np.maximum(variance, 1e-300)
+        widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
+    return np.asarray(widening)
 
 
 def _terms(duration_s: float, logs: int) -> int:

@@ -1,131 +1,58 @@
 r"""Inertia and friction of one axis from any motion of it: torque regressed on acceleration, velocity and direction.
 
-.. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, \mathrm{sgn}\, \dot q + G \cos q + H \sin q + o
+.. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, s + (F_s - F_c)\, s\, e^{-(\dot q / \nu_s)^2}
+              + F_{cl} l s + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
 
-The residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
+with s = sgn q', the load l of a log, ripple of the motor's turns (N a turn of the joint) and a delay T of the torque.
+Delay, ripple, Stribeck effect and load are parts where the data show them beyond chance.
 
-Both sides of the equation pass the same low-pass filter, forward and backward, and are thinned to twice its band, so
-that filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE
-ICRA 1997).
+Both sides of the equation pass the same low-pass filter of finite length and are thinned to twice its band, so that
+filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
+1997). What a joint does at rest and at reversals, where it sticks, is no sliding: samples as near are left out. The
+residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, resample_poly, sosfiltfilt
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.base.statistics import f_test
 from elastid.friction_study.laws import MIN_SPEEDS, Held
-from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
-from elastid.friction_study.passes import Plateau, distinct_speeds, find_plateaus
+from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between
+from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_terms import (
+    MotionTerms,
+    columns_of,
+    equations_of,
+    full_rate_columns,
+    regressed,
+    shown_terms,
+)
+from elastid.friction_study.passes import Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
-# Samples of jumps in a period of the passband.
-_JUMP_RATES = 100.0
-
-
-@frozen_value
-class Motion:
-    """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
-
-    turns_against_gravity: True if the torque of gravity changes with the angle.
-    """
-
-    place: str
-    rate_hz: float
-    position: FloatArray
-    torque: FloatArray
-    slides: bool = False
-    turns_against_gravity: bool = False
-
-    def __post_init__(self) -> None:
-        if self.position.shape != self.torque.shape or self.position.ndim != 1:
-            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
+# Numbers of what is no friction.
+RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
 
 
 @dataclass(frozen=True)
-class MotionSignals:
-    """A motion at full rate (n,) behind the filter of derivatives, torque as logged; direction: sgn of the velocity.
+class MotionLimits:
+    """Limits of the judgement of a motion (scripts/studies/friction_from_motion.py)."""
 
-    sos: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
-    """
-
-    rate_hz: float
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    direction: FloatArray
-    torque: FloatArray
-    sos: FloatArray
-    kept: slice
-    passband_hz: float
-
-    @classmethod
-    def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
-        """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
-        rate = motion.rate_hz
-        if not passband_hz < rate / 4:
-            raise DataError(
-                f"motion of {motion.place}: a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
-                f"Hz, and it has {rate:g} Hz; lower the passband"
-            )
-        spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
-        if len(motion.position) < 4 * spoilt:
-            raise DataError(
-                f"motion of {motion.place}: {len(motion.position) / rate:.3g} s are too short for a passband of "
-                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it"
-            )
-        smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
-        position = np.asarray(sosfiltfilt(smooth, motion.position))
-        # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        samples = np.arange(len(position))
-        spline = make_interp_spline(samples / rate, position, k=5)
-        velocity, acceleration = (np.asarray(spline(samples / rate, nu=order)) for order in (1, 2))
-        # A jump between two samples is sampled as its part within the band is.
-        finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
-        instants = np.arange(finer * len(position)) / (finer * rate)
-        direction = resample_poly(np.sign(spline(instants, nu=1)), 1, finer, padtype="line")
-        sos = butter(4, passband_hz, fs=rate, output="sos")
-        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
-        return cls(rate, position, velocity, acceleration, direction, motion.torque, sos, kept, passband_hz)
-
-    def filtered(self, column: FloatArray) -> FloatArray:
-        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
-        return np.asarray(sosfiltfilt(self.sos, column, axis=0)[self.kept])
-
-    @property
-    def kept_hz(self) -> float:
-        """The rate of the samples that are kept."""
-        return self.rate_hz / int(self.kept.step)
-
-    @property
-    def slides_on(self) -> BoolArray:
-        """Of the samples that are kept (k,), those that no reversal is within the filter of."""
-        steady = np.abs(self.filtered(self.direction)) > 0.98
-        return steady if steady.mean() > 0.5 else np.ones_like(steady)
-
-    @property
-    def plateaus(self) -> tuple[Plateau, ...]:
-        """Where it slides steadily."""
-        return find_plateaus(self.velocity, self.acceleration, self.rate_hz)
-
-    def moves(self, direction: int) -> bool:
-        """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
-        inside = self.velocity[self.kept.start : self.kept.stop]
-        return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
+    narrow: float = 0.25  # of the passband, in which a true model has the same numbers
+    max_shift: float = 2.8  # of a number between both bands, over its std, that counts as an error of the model
+    inertia_shift: float = 0.9  # of the inertia then, over the std that it is stated with, in a misfit
+    max_error: float = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
 
 
-# Numbers of what is no friction.
-RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
+LIMITS = MotionLimits()
 
 
 @frozen_value
@@ -161,7 +88,8 @@ class MotionFriction:
 
     motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
     slides steadily.  held: parts that the motion cannot identify.  passband_hz: of the regression.  notes: on its data.
-    rigid_body: of joints that moved together, which they share.
+    seconds: of all logs, in the regression and not, by reason.  misfit: errors of the model that the intervals do not
+    hold, empty without.  rigid_body: of joints that moved together, which they share.
     """
 
     motion: Motion
@@ -173,18 +101,27 @@ class MotionFriction:
     held: tuple[Held, ...]
     passband_hz: float = PASSBAND_HZ
     notes: tuple[Note, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    misfit: str = ""
     rigid_body: RigidBody | None = None
 
     @property
     def chosen(self) -> Regression:
-        """The regression that the F test selects."""
+        """The regression that the test of the directions selects."""
         return self.apart if self.are_apart else self.alike
+
+    @property
+    def seconds_words(self) -> str:
+        """Of each second of the logs, if it is in the regression, and why not."""
+        rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
+        total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
+        return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
 
     def unit(self, name: str) -> str:
         """Of a number."""
-        if name == "inertia":
-            return "kg" if self.motion.slides else "kg*m^2"
-        return TERMS["coulomb" if name in RIGID else name].unit_at(self.motion.slides)
+        if name in ("inertia", "delay"):
+            return "s" if name == "delay" else "kg" if self.motion.slides else "kg*m^2"
+        return TERMS[name if name in TERMS else "coulomb"].unit_at(self.motion.slides)
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
@@ -198,17 +135,71 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
                     "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
                     "coasts and its inertia is known"
                 )
-    alike, apart = (_regressed(motions, signals, apart) for apart in (False, True))
+    terms = shown_terms(motions, signals)
+    alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
     refuse_driving(motions[0].place, alike)
-    # Residuals are correlated: the test counts what is independent.
-    n = sum(len(range(len(each.torque))[each.kept]) for each in signals)
-    n_independent = n * (1 - alike.correlation) / (1 + alike.correlation)
-    extra = len(apart.names) - len(alike.names)
-    dof = max(1.0, n_independent - len(apart.names))
-    chance = f_test(alike.sum_of_squares - apart.sum_of_squares, extra, apart.sum_of_squares, dof)
+    chance = apart.chance("directions.viscous", 0)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = parts_held(plateaus, motions[0].slides)
-    return MotionFriction(motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz)
+    names = ["stribeck"] * (terms.stribeck_velocity > 0) + ["load"] * terms.load
+    held = tuple(part for part in held if part.part not in names)
+    seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
+    fit = MotionFriction(
+        motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz, (), seconds
+    )
+    return _judged(fit, motions, signals)
+
+
+def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionFriction:
+    """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
+    chosen, texts = fit.chosen, []
+    shift, std = _shift_in_narrow_band(fit, motions, signals)
+    worst = int(np.argmax(np.abs(shift) / std))
+    if (stds := abs(shift[worst] / std[worst])) > LIMITS.max_shift:
+        narrow, name = LIMITS.narrow * fit.passband_hz, chosen.names[worst]
+        is_elastic = abs(shift[0]) > LIMITS.inertia_shift * chosen.std("inertia")
+        chosen = replace(chosen, covariance=chosen.covariance + np.outer(shift, shift))
+        if is_elastic:
+            texts.append(
+                f"below {narrow:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, and the inertia "
+                "other, as a spring between motor and link makes them and a rigid axis does not; move more slowly, or "
+                "identify the spring from frequency responses"
+            )
+    names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
+    error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)
+    if chosen.widening > 1 and error > LIMITS.max_error:
+        texts.append(
+            f"{chosen.relative_error:.1%} of the torque is left, and it repeats with angle or velocity, so that errors "
+            f"of the model widen the intervals {chosen.widening:.2g} times ({name} is known to {error:.0%} only): the "
+            "law lacks a part; measure passes, which show it"
+        )
+    judged = replace(fit, misfit="; ".join(texts))
+    return replace(judged, apart=chosen) if fit.are_apart else replace(judged, alike=chosen)
+
+
+def _shift_in_narrow_band(
+    fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]
+) -> tuple[FloatArray, FloatArray]:
+    """Of the numbers (n_x,), and its std; zero where the logs are too short or reverse too often for the band."""
+    none = np.zeros(len(fit.chosen.names)), np.ones(len(fit.chosen.names))
+    try:
+        narrow = [MotionSignals.of(motion, LIMITS.narrow * fit.passband_hz) for motion in motions]
+    except DataError:
+        return none
+    if any(each.used.all() for each in narrow):
+        return none
+    inner = [slice(each.kept.start, each.kept.stop, own.kept.step) for each, own in zip(narrow, signals, strict=True)]
+    both = [
+        [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
+    ]
+    terms = MotionTerms.of(fit.chosen)
+    wide, slow = (equations_of(motions, each, terms)[1] for each in both)
+    shift, std = shift_between(wide, slow, signals[0].kept_hz)
+    names = [name for name in fit.chosen.names if name != "stribeck_velocity"]  # held in both
+    judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
+    places = [fit.chosen.names.index(names[i]) for i in judged]
+    none[0][places], none[1][places] = shift[judged], np.maximum(std[judged], 1e-300)
+    return none
 
 
 def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
@@ -218,8 +209,8 @@ def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: Float
     """
     if "inertia" not in friction.chosen.names:
         return np.asarray(torque - friction.motion.torque)
-    columns = _raw_columns(friction.motion, signals, friction.are_apart)
-    rigid = [name for name in columns if name in RIGID]
+    columns = full_rate_columns(friction.motion, signals, MotionTerms.of(friction.chosen))
+    rigid = [name for name in columns if (name in RIGID or name.startswith("ripple")) and name != "delay"]
     return np.asarray(sum(friction.chosen[name] * columns[name] for name in rigid))
 
 
@@ -238,9 +229,17 @@ class MotionSamples:
 
 
 def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
-    """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep."""
-    numbers, columns = friction.chosen, _columns(friction.motion, signals, friction.are_apart)
-    return {name: numbers[name] * columns[name] for name in numbers.names}
+    """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep.
+
+    Stiction and load are in that of Coulomb friction, ripple and delay in that of the offset or, without, of gravity.
+    """
+    numbers, parts = friction.chosen, dict[str, FloatArray]()
+    for name, column in columns_of(friction.motion, signals, MotionTerms.of(numbers)).items():
+        dry = name in ("stiction", "load.coulomb")
+        rest = "offset" if "offset" in numbers.names else "directions.coulomb"
+        part = "coulomb" if dry else rest if name == "delay" or name.startswith("ripple") else name
+        parts[part] = parts.get(part, 0.0) + numbers[name] * column
+    return parts
 
 
 def motion_samples(fit: MotionFriction) -> MotionSamples:
@@ -279,31 +278,3 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
         f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
     )
     return (Held("stribeck", text), *held)
-
-
-def _regressed(motions: Sequence[Motion], signals: Sequence[MotionSignals], apart: bool) -> Regression:
-    columns = [_columns(motion, each, apart) for motion, each in zip(motions, signals, strict=True)]
-    logs = []
-    for own, each in zip(columns, signals, strict=True):
-        used = each.slides_on
-        X = np.stack(list(own.values()), axis=1)[used, None, :]
-        logs.append(Equations(X, np.zeros((len(X), 1, 0)), each.filtered(each.torque)[used, None]))
-    names = tuple(columns[0])
-    return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
-
-
-def _columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
-    return {name: signals.filtered(column) for name, column in _raw_columns(motion, signals, apart).items()}
-
-
-def _raw_columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
-    v, s = signals.velocity, signals.direction
-    own = (
-        {"directions.viscous": np.abs(v), "directions.coulomb": np.ones_like(v)}
-        if apart
-        else {"offset": np.ones_like(v)}
-    )
-    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s} | own
-    if motion.turns_against_gravity:
-        columns |= {"gravity.cos": np.cos(signals.position), "gravity.sin": np.sin(signals.position)}
-    return columns

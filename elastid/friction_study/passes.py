@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.least_squares import with_lags
@@ -145,10 +145,7 @@ class PassRegression:
         harmonics = np.arange(3, MAX_HARMONIC + 1)
         Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
         left = first.y - Q @ (Q.T @ first.y)
-        waves = self.waves[:, harmonics - 1]
-        power = np.abs(left @ waves) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=0), 1e-300)
-        # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
-        return first._with_harmonics(harmonics[power > 12.0 / np.log(2) * np.median(power)])
+        return first._with_harmonics(harmonics[harmonic_peaks(left, self.waves[:, harmonics - 1])])
 
     def _with_harmonics(self, harmonics: IntArray) -> PassRegression:
         columns = [column for h in harmonics for column in (self.waves[:, h - 1].real, self.waves[:, h - 1].imag)]
@@ -171,6 +168,14 @@ class PassRegression:
                 break
             values.append(total / count)
         return np.array(values)
+
+
+def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
+    """True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
+    size = np.sum(np.abs(waves) ** 2, axis=0)
+    power = np.abs(left @ waves) ** 2 / np.maximum(size, 1e-300)
+    # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
+    return np.asarray((power > 12.0 / np.log(2) * np.median(power)) & (size > 0.01 * len(left)))
 
 
 def gravity_names(load: str) -> tuple[str, str]:

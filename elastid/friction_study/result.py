@@ -28,8 +28,9 @@ from elastid.record import FrictionRecord
 from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
+# misfit: a motion leaves errors of the model that the intervals of its numbers do not hold.
 # partly: stiction of some joint cannot be identified, or none of its numbers.  failed: no friction of any joint.
-Status: TypeAlias = Literal["identified", "partly", "failed"]
+Status: TypeAlias = Literal["identified", "misfit", "partly", "failed"]
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,11 @@ class JointFriction:
     notes: tuple[Note, ...] = ()
 
     @property
+    def misfit(self) -> str:
+        """Errors of the model that intervals of numbers from a motion do not hold; empty where passes have them."""
+        return self.motion.misfit if self.motion is not None and self.static is None else ""
+
+    @property
     def missing(self) -> tuple[Held, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.friction is None:
@@ -148,6 +154,7 @@ Truth = Mapping[str, float]
 RIGID_TERMS = {
     "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
     "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
+    "delay": FrictionTerm("delay", "T", "T", "delay of the torque", "s", 0),
     "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
     "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
 }
@@ -168,6 +175,8 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
     fit, terms = motion.chosen, TERMS | RIGID_TERMS
     learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
     for name, value in zip(fit.names, fit.values.tolist(), strict=True):
+        if name not in terms:  # ripple
+            continue
         std = fit.std(name)
         yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
     yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)

@@ -31,7 +31,8 @@ from elastid.friction_study.least_squares import (
     shrunk_numbers,
     solve,
 )
-from elastid.friction_study.motion import Motion, MotionFriction, MotionSignals, RigidBody, parts_held, refuse_driving
+from elastid.friction_study.motion import MotionFriction, RigidBody, parts_held, refuse_driving
+from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
@@ -234,7 +235,8 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     for i, own in enumerate(parts):
         X[:, i, i * width : (i + 1) * width] = own
     torque = np.stack([each.torque for each in signals.values()], axis=1)
-    return Equations(first.filtered(X), first.filtered(rigid), first.filtered(torque))
+    states = np.zeros((len(first.filtered(torque)), 0))
+    return Equations(first.filtered(X), first.filtered(rigid), first.filtered(torque), states)
 
 
 def _of_joint(
@@ -249,8 +251,18 @@ def _of_joint(
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
     notes = (_rigid_body_note(motion.place, signals, shared),)
+    inside = sum((each.kept.stop - each.kept.start) / each.rate_hz for each in signals)
     return MotionFriction(
-        motion, shared, directed, chance < FALSE_ALARM, chance, plateaus, held, signals[0].passband_hz, notes
+        motion,
+        shared,
+        directed,
+        chance < FALSE_ALARM,
+        chance,
+        plateaus,
+        held,
+        signals[0].passband_hz,
+        notes,
+        {"used": inside, "ends of the log": sum(len(each.position) / each.rate_hz for each in signals) - inside},
     )
 
 

@@ -19,7 +19,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.levels import LEVELS, Levels, PassLevels
-from elastid.friction_study.motion import MotionSignals
+from elastid.friction_study.motion_signals import MotionSignals
 from elastid.record import FrictionRecord
 
 

@@ -65,6 +65,9 @@ class FrictionContent:
     def answers(self) -> tuple[str, ...]:
         """A sentence for each joint, on what is not identifiable, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]
+        motions = [(joint, joint.motion) for joint in self.result.joints if joint.motion is not None]
+        sentences += [f"Joint {joint.joint} is a misfit: {joint.misfit}." for joint, _ in motions if joint.misfit]
+        sentences += [f"Motions of joint {joint.joint}: {motion.seconds_words}." for joint, motion in motions]
         sentences += [words] if (words := _not_identified(self.result)) else []
         known = [number for number in self.result.numbers if number.truth is not None]
         if known:

@@ -16,7 +16,8 @@ from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.joint_levels import find_joint_levels, motion_logs, robot_log
-from elastid.friction_study.motion import Motion, MotionFriction, MotionSignals, RigidBody
+from elastid.friction_study.motion import MotionFriction, RigidBody
+from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.robot_motion import RobotLog, rigid_body_torques
 from elastid.record import FrictionRecord, FrictionRecords

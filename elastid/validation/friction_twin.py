@@ -22,7 +22,8 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
-from elastid.friction_study.motion import MotionFriction, MotionSignals, motion_parts, rigid_torque
+from elastid.friction_study.motion import MotionFriction, motion_parts, rigid_torque
+from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.result import JointFriction
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot

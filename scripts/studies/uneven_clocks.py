@@ -29,7 +29,8 @@ from collections.abc import Callable
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.motion import Motion, regress_motion
+from elastid.friction_study.motion import regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.time_stamps import on_grid
 

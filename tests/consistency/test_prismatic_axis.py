@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from elastid.app import cli
+from elastid.friction_study.motion import regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.store.measured import read_records, read_responses
 
 RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
@@ -87,3 +90,17 @@ def test_the_same_record_as_one_transient_needs_a_method_without_periods(
     assert (record.n_samples, record.is_periodic) == (24841, False)
     (response,) = read_responses(tmp_path / "run" / "frf.h5")
     assert response.noise is not None or response.total is not None
+
+
+PULSES = RECORD.with_name("DATA_EMPS_PULSES.mat")
+
+
+@pytest.mark.skipif(not PULSES.is_file(), reason="the record with pulses of the prismatic axis is not in ../shared")
+def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
+    """Motion alone, and with pulses of force: 95 % intervals of the difference of each number."""
+    logs = [loadmat(path) for path in (RECORD, PULSES)]
+    motions = [Motion("joint 1", 1e3, log["qm"].ravel(), 35.1507 * log["vir"].ravel(), slides=True) for log in logs]
+    first, second = (regress_motion(motion).chosen for motion in motions)
+    assert first.names == second.names
+    for name in first.names:
+        assert abs(first[name] - second[name]) < 1.96 * np.hypot(first.std(name), second.std(name)), name

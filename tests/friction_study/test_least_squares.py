@@ -20,7 +20,8 @@ def log(rng: np.random.Generator, seconds: float, correlation: float) -> Equatio
         noise[i] = correlation * noise[i - 1] + white
     X = np.stack([v, np.sign(v)], axis=1)
     R = np.cos(2 * np.pi * 0.1 * t)[:, None]
-    return Equations(X[:, None, :], R[:, None, :], (X @ [3.0, 2.0] + 5 * R[:, 0] + 0.2 * noise)[:, None])
+    y = X @ [3.0, 2.0] + 5 * R[:, 0] + 0.2 * noise
+    return Equations(X[:, None, :], R[:, None, :], y[:, None], np.zeros((n, 0)))
 
 
 @pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
@@ -40,7 +41,7 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: f
 def test_what_is_no_friction_need_not_be_identifiable() -> None:
     """Twice the same column beside friction changes nothing."""
     one = log(np.random.default_rng(1), 30.0, 0.5)
-    two = Equations(one.X, np.concatenate([one.R, one.R], axis=2), one.y)
+    two = Equations(one.X, np.concatenate([one.R, one.R], axis=2), one.y, one.states)
     first, second = (solve([each], RATE_HZ) for each in (one, two))
     np.testing.assert_allclose(second.beta, first.beta, rtol=1e-9)
     np.testing.assert_allclose(second.pi.sum(), first.pi.sum(), rtol=1e-6)

@@ -12,7 +12,8 @@ from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, Pass
 from elastid.friction_study.at_rest import AtRest, RestPoint
 from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
-from elastid.friction_study.motion import Motion, MotionFriction, regress_motion
+from elastid.friction_study.motion import MotionFriction, regress_motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.presliding import Elements, Loops, Presliding
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec

@@ -18,7 +18,7 @@ from elastid.app.summaries import as_json, failed_friction, friction_study_summa
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
-from elastid.base.errors import FitError, StudyError
+from elastid.base.errors import FitError, MisfitError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.design.friction import design_friction
@@ -221,6 +221,8 @@ def conclude(run: Run) -> None:
     missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")
+    if result.status == "misfit":
+        raise MisfitError(f"done, but a misfit: {result.message}")
     meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
 
@@ -234,6 +236,7 @@ def _level_words(joint: JointLevels) -> str:
     if joint.motion is not None:
         error = joint.motion.chosen.relative_error
         parts.append(f"a motion, {error:.1%} of whose torque inertia, gravity and friction leave")
+        parts.append(joint.motion.seconds_words)
     return ", ".join(parts)
 
 

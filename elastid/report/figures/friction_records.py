@@ -124,6 +124,9 @@ def friction_motion(friction: MotionFriction) -> Figure:
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Friction (n,) at velocities other than 0, both directions' numbers included, and its std."""
     columns = {"coulomb": np.sign(v), "viscous": v}
+    if "stiction" in numbers.names:
+        fall = np.exp(-((v / numbers["stribeck_velocity"]) ** 2))
+        columns |= {"coulomb": np.sign(v) * (1 - fall), "stiction": np.sign(v) * fall}
     columns |= {"directions.coulomb": np.ones_like(v), "directions.viscous": np.abs(v)}
     own = [name for name in columns if name in numbers.names]
     A = np.stack([columns[name] for name in own], axis=1)

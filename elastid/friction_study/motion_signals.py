@@ -1,0 +1,148 @@
+"""A log of one axis and its signals behind the filter of a regression, with the reason why a second is not used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, resample_poly, sosfiltfilt
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.friction_study.b_spline_filter import b_spline_taps, filtered, within
+from elastid.friction_study.passes import PLATEAUS, Plateau, find_plateaus
+
+# Samples of jumps in a period of the passband.
+_JUMP_RATES = 100.0
+# Samples that the derivatives of a spline reach.
+_SPLINE_REACH = 4
+# Share of the samples that slide clear of reversals, below which all are used.
+MIN_USED = 0.2
+
+
+@frozen_value
+class Motion:
+    """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
+
+    turns_against_gravity: True if the torque of gravity changes with the angle.  turn: of the joint for one of its
+    motor, 0 for none.  load: |torque| that the joint carries.
+    """
+
+    place: str
+    rate_hz: float
+    position: FloatArray
+    torque: FloatArray
+    slides: bool = False
+    turns_against_gravity: bool = False
+    turn: float = 0.0
+    load: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.position.shape != self.torque.shape or self.position.ndim != 1:
+            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
+
+
+@dataclass(frozen=True)
+class MotionSignals:
+    """A motion at full rate (n,) behind the filter of derivatives, torque as logged; direction: sgn of the velocity.
+
+    derivatives (2, n): velocity and acceleration of the position as logged, which the filter of both sides smooths.
+    taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
+    """
+
+    rate_hz: float
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    derivatives: FloatArray
+    direction: FloatArray
+    torque: FloatArray
+    taps: FloatArray
+    kept: slice
+    passband_hz: float
+
+    @classmethod
+    def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
+        """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
+        rate = motion.rate_hz
+        if not passband_hz < rate / 4:
+            raise DataError(
+                f"motion of {motion.place}: a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
+                f"Hz, and it has {rate:g} Hz; lower the passband"
+            )
+        spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
+        if len(motion.position) < 4 * spoilt:
+            raise DataError(
+                f"motion of {motion.place}: {len(motion.position) / rate:.3g} s are too short for a passband of "
+                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it"
+            )
+        smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
+        position = np.asarray(sosfiltfilt(smooth, motion.position))
+        # Central differences would take 43 % of an acceleration at a fifth of the rate.
+        samples = np.arange(len(position))
+        spline = make_interp_spline(samples / rate, position, k=5)
+        velocity, acceleration = (np.asarray(spline(samples / rate, nu=order)) for order in (1, 2))
+        logged = make_interp_spline(samples / rate, motion.position, k=5)
+        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
+        # A jump between two samples is sampled as its part within the band is.
+        finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
+        instants = np.arange(finer * len(position)) / (finer * rate)
+        direction = resample_poly(np.sign(spline(instants, nu=1)), 1, finer, padtype="line")
+        taps = b_spline_taps(rate, passband_hz)
+        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
+        return cls(
+            rate, position, velocity, acceleration, derivatives, direction, motion.torque, taps, kept, passband_hz
+        )
+
+    def filtered(self, column: FloatArray) -> FloatArray:
+        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
+        return filtered(column, self.taps)[self.kept]
+
+    @property
+    def kept_hz(self) -> float:
+        """The rate of the samples that are kept."""
+        return self.rate_hz / int(self.kept.step)
+
+    @property
+    def rests(self) -> BoolArray:
+        """At full rate (n,), true at rest."""
+        speed = np.abs(self.velocity)
+        return np.asarray(speed < PLATEAUS.rest_share * speed.max())
+
+    @property
+    def slides(self) -> BoolArray:
+        """At full rate (n,), true where neither rest nor a reversal is within the filter."""
+        sign = np.sign(self.velocity)
+        turns = np.append(False, sign[1:] != sign[:-1])
+        return ~within(self.rests | turns, len(self.taps) // 2 + _SPLINE_REACH)
+
+    @property
+    def used(self) -> BoolArray:
+        """Of the samples that are kept (k,), those that slide; all, where hardly any does."""
+        slides = self.slides[self.kept]
+        return slides if slides.mean() > MIN_USED else np.ones_like(slides)
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Durations that add up to that of the log: in the regression, and why the others are not."""
+        inside = np.zeros(len(self.position), bool)
+        inside[self.kept.start : self.kept.stop] = True
+        slides = self.slides if not self.used.all() else inside
+        parts = {
+            "used": inside & slides,
+            "at rest": inside & ~slides & self.rests,
+            "near a reversal or rest": inside & ~slides & ~self.rests,
+            "ends of the log": ~inside,
+        }
+        return {name: float(part.sum()) / self.rate_hz for name, part in parts.items()}
+
+    @property
+    def plateaus(self) -> tuple[Plateau, ...]:
+        """Where it slides steadily."""
+        return find_plateaus(self.velocity, self.acceleration, self.rate_hz)
+
+    def moves(self, direction: int) -> bool:
+        """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
+        inside = self.velocity[self.kept.start : self.kept.stop]
+        return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)

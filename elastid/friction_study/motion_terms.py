@@ -1,0 +1,164 @@
+"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, delay; and its columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.statistics import f_test
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
+from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
+
+# Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
+_VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
+
+
+@dataclass(frozen=True)
+class MotionTerms:
+    """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
+
+    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns."""
+
+    apart: bool = True
+    delay: bool = False
+    stribeck_velocity: float = 0.0
+    harmonics: tuple[int, ...] = ()
+    load: bool = False
+
+    @classmethod
+    def of(cls, numbers: Regression) -> MotionTerms:
+        """Those of a regression."""
+        names = numbers.names
+        return cls(
+            "directions.viscous" in names, "delay" in names,
+            numbers["stribeck_velocity"] if "stribeck_velocity" in names else 0.0,
+            tuple(h for h in range(1, MAX_HARMONIC + 1) if ripple_names(h)[0] in names), "load.coulomb" in names,
+        )  # fmt: skip
+
+
+def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionTerms:
+    """The parts that the data show beyond chance, one after the other."""
+    terms = MotionTerms(load=len({motion.load for motion in motions}) > 1)
+    if terms.load:
+        terms = replace(terms, load=regressed(motions, signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
+    if motions[0].turn > 0:
+        terms = replace(terms, harmonics=_ripple(motions, signals, terms))
+    delayed = replace(terms, delay=True)
+    if regressed(motions, signals, delayed).chance("delay", 0) < FALSE_ALARM:
+        terms = delayed
+    return replace(terms, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+
+
+def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
+    """The best one; 0 where two tests, for correlated residuals and for their sum of squares, find chance alone."""
+    fastest = max(float(np.abs(each.velocity).max()) for each in signals)
+    velocities = (_VELOCITIES * fastest).tolist()
+    tried = [replace(terms, stribeck_velocity=velocity) for velocity in velocities]
+    fits = [regressed(motions, signals, each, steps=0) for each in tried]
+    best = min(range(len(fits)), key=lambda i: fits[i].sum_of_squares)
+    without, fit = regressed(motions, signals, terms), fits[best]
+    n = sum(int(each.used.sum()) for each in signals)
+    n_independent = n * (1 - without.correlation) / (1 + without.correlation)
+    drop = without.sum_of_squares - fit.sum_of_squares
+    chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
+    change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
+    variance = np.array([[change @ fit.covariance @ change]])
+    excess = replace(fit, names=("excess",), values=np.array([change @ fit.values]), covariance=variance)
+    if max(chance, excess.chance("excess", 1)) * len(velocities) > FALSE_ALARM:
+        return 0.0
+    return regressed(motions, signals, tried[best])["stribeck_velocity"]
+
+
+def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
+    """Harmonics of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
+    fit, left, waves = regressed(motions, signals, terms), [], []
+    for motion, each in zip(motions, signals, strict=True):
+        columns = columns_of(motion, each, terms)
+        left.append((each.filtered(each.torque) - sum(fit[name] * columns[name] for name in columns))[each.used])
+        wave = np.exp(2j * np.pi / motion.turn * each.position)
+        waves.append(each.filtered(np.cumprod(np.tile(wave[:, None], MAX_HARMONIC), axis=1))[each.used])
+    peaks = 1 + np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves)))
+    if not len(peaks):
+        return ()
+    fit = regressed(motions, signals, replace(terms, harmonics=tuple(peaks.tolist())))
+    chances = {h: min(fit.chance(name, 0) for name in ripple_names(h)) for h in peaks.tolist()}
+    return tuple(h for h, chance in chances.items() if chance * 2 * MAX_HARMONIC < FALSE_ALARM)
+
+
+def regressed(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = _STEPS
+) -> Regression:
+    """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
+    fit = _solved(motions, signals, terms)
+    velocity = terms.stribeck_velocity
+    for _ in range(steps if velocity else 0):
+        fit = _solved(motions, signals, terms, fit["stiction"] - fit["coulomb"])
+        step = fit["stribeck_velocity"]
+        velocity = float(np.clip(velocity + step, velocity / 2, 2 * velocity))
+        values = np.where(np.array(fit.names) == "stribeck_velocity", velocity, fit.values)
+        fit, terms = replace(fit, values=values), replace(terms, stribeck_velocity=velocity)
+        if abs(step) < 1e-3 * velocity:
+            break
+    return fit
+
+
+def _solved(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+) -> Regression:
+    """excess: of stiction over Coulomb friction, where the Stribeck velocity is searched for."""
+    names, logs = equations_of(motions, signals, terms, excess)
+    return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
+
+
+def equations_of(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+) -> tuple[tuple[str, ...], list[Equations]]:
+    """The names of the numbers, and the equations of each log."""
+    columns = [columns_of(motion, each, terms, excess) for motion, each in zip(motions, signals, strict=True)]
+    logs = []
+    for own, each in zip(columns, signals, strict=True):
+        used = each.used[:, None]
+        X = (np.stack(list(own.values()), axis=1) * used)[:, None, :]
+        states = each.filtered(np.stack([each.position, each.velocity], axis=1))
+        logs.append(Equations(X, np.zeros((len(X), 1, 0)), each.filtered(each.torque)[:, None] * used, states))
+    return tuple(columns[0]), logs
+
+
+def columns_of(
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+) -> dict[str, FloatArray]:
+    """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
+    velocity, acceleration = signals.derivatives
+    raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
+    if terms.apart:
+        raw["directions.viscous"] = np.sign(signals.velocity) * velocity
+    return {name: signals.filtered(column) for name, column in raw.items()}
+
+
+def full_rate_columns(
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+) -> dict[str, FloatArray]:
+    """The columns (n,) by the names of their numbers; excess: of stiction over Coulomb friction, for its velocity's."""
+    v, s, q = signals.velocity, signals.direction, signals.position
+    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
+    if nu := terms.stribeck_velocity:
+        fall = np.exp(-((v / nu) ** 2))
+        columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
+        if excess:
+            columns["stribeck_velocity"] = excess * s * fall * 2 * v**2 / nu**3
+    if terms.load:
+        columns["load.coulomb"] = motion.load * s
+    ones = np.ones_like(v)
+    columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
+    if motion.turns_against_gravity:
+        columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
+    for h in terms.harmonics:
+        angle = 2 * np.pi * h / motion.turn * q
+        columns |= dict(zip(ripple_names(h), (np.cos(angle), np.sin(angle)), strict=True))
+    if terms.delay:
+        columns["delay"] = np.gradient(motion.torque) * signals.rate_hz
+    return columns
