@@ -35,7 +35,7 @@ from elastid.friction_study.result import (
     true_numbers,
 )
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_of
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -52,7 +52,7 @@ def identify_friction(
     """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
-    if all(joint.friction is None for joint in joints):
+    if not any(joint.friction is not None or joint.numbers for joint in joints):
         status = "failed"
     message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints)
     return FrictionResult(joints, measured.notes, status, message)
@@ -123,7 +123,8 @@ def _heat(
         return None, None, ()
     try:
         warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up)), ()
+        thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
+        return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
         return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
 
@@ -209,8 +210,8 @@ def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
     if spec.presliding is not None:
         frequency_hz = spec.presliding.frequency_hz
     else:
-        about = record.torque - record.torque.mean()
-        frequency_hz = max(1.0, np.sum(np.diff(np.sign(about)) != 0) / 2) / record.duration_s
+        spectrum = np.abs(np.fft.rfft(record.torque - record.torque.mean()))
+        frequency_hz = max(1, int(np.argmax(spectrum))) / record.duration_s  # of the loops, not of a dither on them
     settled = round(record.rate_hz / frequency_hz / 2)
     return Loops(
         f"joint {record.joint}", record.rate_hz, record.position, record.torque, float(frequency_hz),

@@ -9,6 +9,8 @@ from elastid.base.units import Damping, Frequency, InUnit, JointVelocity, Temper
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
 from elastid.record import Hold
 
+# at_rest and warm_up are those of a study of friction that designs its motions.
+LogPurpose: TypeAlias = Literal["motion", "loops", "at_rest", "warm_up"]
 PositionGain = Annotated[float, InUnit("1/s")]
 
 
@@ -109,15 +111,24 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[Literal["motion", "loops"], Key("Purpose of the motion: passes and any other motion, or loops "
-        "of growing torque before the joint slides.", "loops for logs that reverse before they break away; plateaus "
-        "are not looked for there.")] = "motion"
+    purpose: Annotated[LogPurpose, Key("Purpose of the log: passes and any other motion; `loops` of growing torque "
+        "before the joint slides; `at_rest`, a small multisine or noise at standstill; `warm_up`, a joint that moves "
+        "to and fro until it is warm.", "`loops` gives friction before sliding, `at_rest` stiffness and damping of "
+        "the bristles, `warm_up` the time constants of heat; plateaus are looked for in motions and warm-ups.")] = (
+        "motion")
+    start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
+        "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
+        "which the joint cools.")] = None
+    ambient: Annotated[Temperature | None, Key("Temperature of the room during a warm-up (default: that of the joint "
+        "at its start).", "where the joint was still warm when the log began; heat given off is wrong without it.")] = (
+        None)
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
         "one.")] = None
     load: Annotated[str, Key("Name of one of friction.loads.", "name it in every log of a study with loads; logs "
         "without it count as the robot alone.")] = ""
-    temperature: Annotated[Temperature | None, Key("Temperature of the joint, where no channel of role t has it.",
+    temperature: Annotated[Temperature | None, Key("Temperature of the joint, of a warm-up at its start, where no "
+        "channel of role t has it.",
         "a hand thermometer's reading; two of them let friction depend on temperature, three over more than 20 K show "
         "how.")] = None
     # fmt: on
