@@ -122,8 +122,8 @@ def warm_up_log(
         )
     read, count = np.isfinite(readings), max(heat.count for heat in heats)
     if not read.any():
-        known = np.nan if start is None and ambient is None else start if start is not None else ambient
-        return WarmUpLog(joint, time_s, power, readings, 0.0, _or_nan(ambient), float(known))
+        known = _or_nan(ambient if start is None else start)
+        return WarmUpLog(joint, time_s, power, readings, 0.0, _or_nan(ambient), known)
     if np.ptp(readings[read]) < max(count, 1e-9):
         raise DataError(
             f"{place}: the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm "

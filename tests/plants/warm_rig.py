@@ -13,15 +13,27 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 
-# Of gear and housing in J/K, between them and to the room in W/K, of the room in degC.
-C_GEAR, C_HOUSING, INNER, OUTER, ROOM = 2500.0, 9000.0, 12.0, 6.0, 22.0
+ROOM = 22.0  # degC
 # Coulomb and viscous friction at the room's temperature in Nm and Nms/rad, their decay over K; rigid body.
 COULOMB, VISCOUS, DECAY, INERTIA, GRAVITY, RIPPLE = 30.0, 90.0, 40.0, 15.0, 60.0, 0.5
 
 
 @dataclass(frozen=True)
+class Nodes:
+    """Heat capacities of gear and housing in J/K, conductances between them and to the room in W/K."""
+
+    gear: float = 2500.0
+    housing: float = 9000.0
+    inner: float = 12.0
+    outer: float = 6.0
+
+
+NODES = Nodes()
+
+
+@dataclass(frozen=True)
 class WarmLog:
-    """Signals (n,) at rate_hz on the link side: angle, torque, thermometer outside; gear: degC that friction follows."""
+    """Signals (n,) on the link side: angle, torque, thermometer outside; gear: degC, which friction follows."""
 
     rate_hz: float
     position: FloatArray
@@ -38,17 +50,16 @@ def friction(speed: FloatArray | float, degc: FloatArray | float) -> FloatArray:
 
 def warm_log(
     hours: float = 2.0, rate_hz: float = 100.0, seed: int = 0, thermometer_std: float = 0.3, count: float = 0.0,
-    start_degc: float = ROOM, pauses: bool = True,
+    start_degc: float = ROOM, nodes: Nodes = NODES,
 ) -> WarmLog:  # fmt: skip
     """Half an hour of work at two speeds, a pause of ten minutes, and again; torque noise of 1 Nm."""
     rng = np.random.default_rng(seed)
     n = round(hours * 3600 * rate_hz)
     time_s = np.arange(n) / rate_hz
-    is_working = (time_s % 2400 < 1800) if pauses else np.ones(n, dtype=bool)
-    velocity = np.where(is_working, _cycles(n, rate_hz), 0.0)
+    velocity = np.where(time_s % 2400 < 1800, _cycles(n, rate_hz), 0.0)
     position = np.cumsum(velocity) / rate_hz
     position = position - position.mean()
-    gear, housing = _temperatures(velocity, rate_hz, start_degc)
+    gear, housing = _temperatures(velocity, rate_hz, start_degc, nodes)
     sliding = np.sign(velocity) * friction(velocity, gear)
     torque = sliding + INERTIA * np.gradient(velocity, 1 / rate_hz) - GRAVITY * np.sin(position)
     torque = torque + RIPPLE * np.sin(100 * position) + rng.standard_normal(n)
@@ -67,22 +78,26 @@ def _cycles(n: int, rate_hz: float) -> FloatArray:
     return np.resize(np.concatenate(ways), n)
 
 
-def _temperatures(velocity: FloatArray, rate_hz: float, start_degc: float) -> tuple[FloatArray, FloatArray]:
+def _temperatures(
+    velocity: FloatArray, rate_hz: float, start_degc: float, nodes: Nodes
+) -> tuple[FloatArray, FloatArray]:
     """Gear and housing (n,) in degC."""
     per_s = round(rate_hz)
     seconds = np.abs(velocity)[: len(velocity) // per_s * per_s].reshape(-1, per_s)
     T, S, path = start_degc, start_degc, [(start_degc, start_degc)]
     for speeds in seconds:
         power = float(np.mean(speeds * friction(speeds, T)))
-        flow = INNER * (T - S)
-        T, S = T + (power - flow) / C_GEAR, S + (flow - OUTER * (S - ROOM)) / C_HOUSING
+        flow = nodes.inner * (T - S)
+        T, S = T + (power - flow) / nodes.gear, S + (flow - nodes.outer * (S - ROOM)) / nodes.housing
         path.append((T, S))
-    gear, housing = (np.interp(np.arange(len(velocity)) / rate_hz, np.arange(len(path)), each) for each in np.array(path).T)
+    gear, housing = (
+        np.interp(np.arange(len(velocity)) / rate_hz, np.arange(len(path)), each) for each in np.array(path).T
+    )
     return gear, housing
 
 
 def write_warm_log(path: Path, log: WarmLog, thermometer: bool = True, part: slice = slice(None)) -> None:
-    """A CSV of time, torque, angle and thermometer on the link side."""
+    """A CSV of torque, angle and thermometer on the link side."""
     columns = {"torque": log.torque, "angle": np.round(log.position / 1e-6) * 1e-6}
     columns |= {"temperature": log.thermometer} if thermometer else {}
     table = np.column_stack([column[part] for column in columns.values()])

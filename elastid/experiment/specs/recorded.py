@@ -114,14 +114,14 @@ class FileSpec:
     purpose: Annotated[LogPurpose, Key("Purpose of the log: passes and any other motion; `loops` of growing torque "
         "before the joint slides; `at_rest`, a small multisine or noise at standstill; `warm_up`, a joint that moves "
         "to and fro until it is warm.", "`loops` gives friction before sliding, `at_rest` stiffness and damping of "
-        "the bristles, `warm_up` the time constants of heat; plateaus are looked for in motions and warm-ups.")] = (
-        "motion")
+        "the bristles, `warm_up` the time constants of heat; plateaus are looked for in motions and "
+        "warm-ups.")] = "motion"
     start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
         "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
         "which the joint cools.")] = None
     ambient: Annotated[Temperature | None, Key("Temperature of the room during a warm-up (default: that of the joint "
-        "at its start).", "where the joint was still warm when the log began; heat given off is wrong without it.")] = (
-        None)
+        "at its start).", "where the joint was still warm when the log began; heat given off is wrong without "
+        "it.")] = None
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
         "one.")] = None
