@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
@@ -54,7 +55,7 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if not any(joint.friction is not None or joint.numbers for joint in joints):
         status = "failed"
-    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints)
+    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or _reason(joint)}" for joint in joints)
     return FrictionResult(joints, measured.notes, status, message)
 
 
@@ -133,6 +134,11 @@ def _first_numbers(joint: JointFriction) -> str:
     return ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
 
 
+def _reason(joint: JointFriction) -> str:
+    """The first note on a part that failed."""
+    return next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
+
+
 def joint_law(
     static: StaticLaw | None, motion: MotionFriction | None, before: BeforeSliding, spec: LawSpec
 ) -> tuple[Friction, float] | None:
@@ -197,13 +203,19 @@ def find_before_sliding(
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
     log = _loops(loops[0], spec)
     if law.presliding == "lugre":
-        bristles = _bristles(robot, loops[0], levels, static, at_rest, notes)
+        bristles = _bristles(robot, loops[0], log.frequency_hz, levels, static, at_rest, notes)
         return BeforeSliding(log, None, at_rest, bristles, tuple(notes))
     try:
         return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
     except DataError as error:
         notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
+
+
+def _largest_stiffness(torque: FloatArray, position: FloatArray, period: int) -> float:
+    """Travel of torque over that of the joint in the stiffest loop: of a log that slides in others, or at its end."""
+    loops = range(0, max(1, len(torque) - period + 1), period)
+    return max(float(np.ptp(torque[i : i + period]) / max(np.ptp(position[i : i + period]), 1e-12)) for i in loops)
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
@@ -244,6 +256,7 @@ def _held(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
 def _bristles(
     robot: Robot,
     record: FrictionRecord,
+    frequency_hz: float,
     levels: PassLevels | None,
     static: StaticLaw | None,
     rest: AtRest | None,
@@ -270,7 +283,7 @@ def _bristles(
         f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
         max(levels.residual_rms, white_std, 1e-12), record.resolution / np.sqrt(12),
     )  # fmt: skip
-    stiffness = float(np.ptp(torque) / np.ptp(record.position))
+    stiffness = _largest_stiffness(torque, record.position, max(1, round(record.rate_hz / frequency_hz)))
     damping = 0.3 * np.sqrt(stiffness * spring.motor_inertia)
     start = {"sigma_0": stiffness, "sigma_1": damping, "coulomb": static.values["coulomb"], "viscous": static.viscous}
     start |= {"stiction": static.values.get("stiction", static.values["coulomb"])}

@@ -318,24 +318,30 @@ def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """The log with the level of each test pass: half the difference of both ways over angles that both cover."""
-    pairs = [_common(sorted(passes_of(record), key=lambda each: -each.direction)) for record in tests]
+    pairs = [sorted(passes_of(record), key=lambda each: -each.direction) for record in tests]
     speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
-    levels = [(forth.torque.mean() - back.torque.mean()) / 2 for forth, back in pairs]
-    stds = [np.hypot(*(np.std(each.torque) / np.sqrt(len(each.torque)) for each in pair)) / 2 for pair in pairs]
+    levels = np.array([_level(*pair) for pair in pairs]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
+        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1],
         np.array([record.load_torque for record in tests]), log.start_std,
     )  # fmt: skip
 
 
-def _common(pair: Sequence[Pass]) -> list[Pass]:
-    low = max(float(each.position.min()) for each in pair)
-    high = min(float(each.position.max()) for each in pair)
+def _level(forth: Pass, back: Pass) -> tuple[float, float]:
+    """Level and its std, from means over the same angles, in which gravity and ripple are the same both ways."""
+    low, high = max(forth.position.min(), back.position.min()), min(forth.position.max(), back.position.max())
     if high <= low:
-        return list(pair)
-    inside = [(each.position >= low) & (each.position <= high) for each in pair]
-    names = ("position", "velocity", "acceleration", "torque")
-    each_inside = zip(pair, inside, strict=True)
-    return [replace(each, **{name: getattr(each, name)[own] for name in names}) for each, own in each_inside]
+        stds = [each.torque.std() / np.sqrt(len(each.torque)) for each in (forth, back)]
+        return float(forth.torque.mean() - back.torque.mean()) / 2, float(np.hypot(*stds)) / 2
+    edges = np.linspace(low, high, 1 + max(2, min(40, min(len(forth.position), len(back.position)) // 4)))
+    sums, counts = (
+        np.array(
+            [np.histogram(each.position, edges, weights=w)[0] for each, w in zip((forth, back), weights, strict=True)]
+        )
+        for weights in ((forth.torque, back.torque), (None, None))
+    )
+    covered = counts.min(axis=0) > 0
+    half = np.array([0.5, -0.5]) @ (sums[:, covered] / counts[:, covered])
+    return float(half.mean()), float(half.std(ddof=1) / np.sqrt(len(half)))

@@ -135,6 +135,7 @@ class _LogReader:
     ) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "at_rest":
+            self._check_at_rest(gathered)
             roles = {role: [i for i, c in enumerate(gathered.channels) if c.role == role] for role in ("r", "u", "y")}
             return repaired_signals(gathered, roles, recorded, log)
         bridged = bridged_gaps(gathered.signals, log)
@@ -179,7 +180,11 @@ class _LogReader:
                 f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
                 f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
             )
-        self._check_purpose({joint.name: float(np.ptp(positions[joint.name])) for joint in moving})
+        if self.file.purpose == "warm_up" and len(moving) > 1:
+            raise DataError(
+                f"{self.path}: joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
+                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
+            )
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
@@ -204,7 +209,7 @@ class _LogReader:
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
                 period_samples=period,
                 hold=holds[joint.name],
-                resolution=step(positions[joint.name]),
+                resolution=self._resolution(positions[joint.name]),
                 start_s=self.start_s,
                 configuration=posture,
                 place=self.path,
@@ -213,6 +218,10 @@ class _LogReader:
             )
             for joint in moving
         )
+
+    def _resolution(self, position: FloatArray) -> float:
+        """A count of the encoder; of loops that end by sliding also where values hardly repeat."""
+        return step(position) or (step(np.tile(position, 3)) if self.file.purpose == "loops" else 0.0)
 
     def _load_torques(self, posture: Configuration) -> Mapping[str, float]:
         """|torque| (Nm, N) that holds each driven joint at rest, the payload at the last frame."""
@@ -236,20 +245,16 @@ class _LogReader:
     def _held(self, joint: Joint) -> float:
         return LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
 
-    def _check_purpose(self, travels: Mapping[str, float]) -> None:
-        """DataError for motion in a log at rest, and for a warm-up of several joints at once."""
-        for joint in (joint for joint in self.robot.driven if joint.name in travels):
-            if self.file.purpose == "at_rest" and travels[joint.name] > self._held(joint):
+    def _check_at_rest(self, gathered: GatheredChannels) -> None:
+        """DataError for a joint that slides."""
+        for channel, signal in zip(gathered.channels, gathered.signals.T, strict=True):
+            joint = next((joint for joint in self.robot.driven if joint.name == _joint_of(channel)), None)
+            travel = float(np.nanmax(signal) - np.nanmin(signal))
+            if joint is not None and channel.quantity == "position" and travel > self._held(joint):
                 raise DataError(
-                    f"{self.path}: joint {joint.name} travels {travels[joint.name]:.3g} {joint.unit} in it, "
-                    "more than contacts bend: it slides, and is not at rest; take purpose: motion or loops, or lower "
-                    "the torque"
+                    f"{self.path}: joint {joint.name} travels {travel:.3g} {joint.unit}, more than contacts bend: "
+                    "it slides, and is not at rest; take purpose: motion or loops, or lower the torque"
                 )
-        if self.file.purpose == "warm_up" and len(travels) > 1:
-            raise DataError(
-                f"{self.path}: joints {', '.join(travels)} move in it, and the work of one goes into the other; warm "
-                "up one joint at a time, or name the joint that all heat is of: joint"
-            )
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
