@@ -18,7 +18,7 @@ from elastid.base.note import Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import PassLevels
-from elastid.friction_study.lugre_shooting import JointLog, LuGreFit, Prior, fit_lugre
+from elastid.friction_study.lugre_shooting import INTERVAL, JointLog, LuGreFit, Prior, fit_lugre
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
 from elastid.friction_study.result import (
@@ -55,7 +55,7 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if not any(joint.friction is not None or joint.numbers for joint in joints):
         status = "failed"
-    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint) or _reason(joint)}" for joint in joints)
+    message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
     return FrictionResult(joints, measured.notes, status, message)
 
 
@@ -131,12 +131,8 @@ def _heat(
 
 
 def _first_numbers(joint: JointFriction) -> str:
-    return ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
-
-
-def _reason(joint: JointFriction) -> str:
-    """The first note on a part that failed."""
-    return next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
+    numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
+    return numbers or next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
 
 
 def joint_law(
@@ -279,9 +275,12 @@ def _bristles(
     cos, sin, offset = (shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
     torque = record.torque - np.asarray(cos * np.cos(q) + sin * np.sin(q) + offset)
     white_std = float(np.std(np.diff(torque, 2)) / np.sqrt(6))  # of white noise on a slow signal
+    torque_std = max(levels.residual_rms, white_std, 1e-12)
+    # Torque noise moves the motor within an interval, of which its states at both ends leave some twentieth.
+    wander = torque_std / spring.motor_inertia / record.rate_hz**2 * INTERVAL**1.5 / 20
     log = JointLog(
-        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
-        max(levels.residual_rms, white_std, 1e-12), record.resolution / np.sqrt(12),
+        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0], torque_std,
+        max(record.resolution / np.sqrt(12), wander),
     )  # fmt: skip
     stiffness = _largest_stiffness(torque, record.position, max(1, round(record.rate_hz / frequency_hz)))
     damping = 0.3 * np.sqrt(stiffness * spring.motor_inertia)

@@ -32,9 +32,6 @@ from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers
 Status: TypeAlias = Literal["identified", "partly", "failed"]
 
 
-NO_SLIDING = "in no log does the joint slide there and back at several speeds, or through any motion"
-
-
 @dataclass(frozen=True)
 class FrictionNumber:
     """A row of the table: one identified number of a joint, link side, with its 95 % interval, SI.
@@ -101,8 +98,8 @@ class JointFriction:
     def missing(self) -> tuple[Held, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.friction is None:
-            sliding = self.static is not None or self.motion is not None
-            why = "the data identify no law that is physically possible" if sliding else NO_SLIDING
+            slid = self.static is not None or self.motion is not None
+            why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (Held("friction", why),)
         return tuple(
             held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))

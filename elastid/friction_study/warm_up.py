@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import solve_banded
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction.static import Conditions
@@ -80,7 +80,7 @@ class WarmUp:
 
 @dataclass(frozen=True)
 class WarmUpLimits:
-    """Limits of warm-ups.  False alarms of 300 clean logs: short-warm-up 0."""
+    """Limits of warm-ups.  False alarms of 30 logs (rest_and_warm_up.py): no note on a short warm-up."""
 
     best_thermometer: float = 0.05  # K, std of its readings at least
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
@@ -158,20 +158,15 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
         text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
         raise DataError(f"warm-up: {text}")
     is_law = level_of is not None and math.isfinite(warm_up.start_degc)
-    own = _fitted(_Problem(warm_up, None, has_series=True)) if _has_series(warm_up, has_readings) else None
-    if not is_law and (own is not None or not has_readings):
-        return own or _fitted(_Problem(warm_up, None, has_series=True))
-    by_law = _fitted(_Problem(warm_up, level_of if is_law else None))
-    if own is None or not has_readings:
-        return by_law
-    pays = chance_of_terms(by_law.cost, own.cost, by_law.dof - own.dof, own.dof) < FALSE_ALARM
-    return own if by_law.dof > own.dof and pays else by_law
-
-
-def _has_series(warm_up: WarmUp, has_readings: bool) -> bool:
-    """True if the levels at each speed are more than the numbers of a parabola."""
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
-    return bool(has_readings and len(counts) and counts.min() > 4)
+    is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
+    own = _fitted(_Problem(warm_up, None, has_series=True)) if is_course or not (has_readings or is_law) else None
+    if own is not None and not is_law:
+        return own
+    by_law = _fitted(_Problem(warm_up, level_of if is_law else None))
+    added = 0 if own is None else by_law.dof - own.dof
+    pays = own is not None and added > 0 and chance_of_terms(by_law.cost, own.cost, added, own.dof) < FALSE_ALARM
+    return own if own is not None and pays else by_law
 
 
 def _fitted(problem: _Problem) -> ThermalModel:
@@ -197,14 +192,9 @@ class _Problem:
     nodes: int = 1
 
     @property
-    def read(self) -> BoolArray:
-        """Readings that there are."""
-        return np.isfinite(self.warm_up.readings)
-
-    @property
     def is_kelvin(self) -> bool:
         """True if readings or a law state kelvins."""
-        return bool(self.read.any()) or self.level_of is not None
+        return bool(np.isfinite(self.warm_up.readings).any()) or self.level_of is not None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -217,10 +207,8 @@ class _Problem:
         value = dict(zip(self.names, x.tolist(), strict=True))
         T, ratio = math.exp(value["constant"]), math.exp(value.get("ratio", 0.0))
         constants = np.array([T, T * ratio])[: self.nodes]
-        own, levels = (
-            np.ones(1) if self.nodes == 1 else np.array([s / (1 - ratio), 1 - s / (1 - ratio)])
-            for s in (value.get(name, 1.0) for name in ("share", "level_share"))
-        )
+        first = np.array([value.get(name, 1.0) for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
+        own, levels = np.ones((2, 1)) if self.nodes == 1 else np.stack([first, 1 - first], axis=1)
         start = self.warm_up.start_degc + max(self.warm_up.start_std, 1e-6) * value.get("start", 0.0)
         return constants, own, levels, math.exp(value.get("h", 0.0)), start
 
@@ -230,7 +218,7 @@ class _Problem:
         parts = []
         if self.is_kelvin:
             T = _kelvin(warm_up, constants, shares, h, start)
-            read, std = self.read, max(warm_up.reading_std, LIMITS.best_thermometer)
+            read, std = np.isfinite(warm_up.readings), max(warm_up.reading_std, LIMITS.best_thermometer)
             parts += [(warm_up.readings - T)[read] / std, x[-1:]]
             if self.level_of is not None:
                 level = self.level_of(warm_up.test_speed, T[warm_up.tests])
@@ -287,8 +275,7 @@ class _Problem:
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
     """A note where a warm-up ended before its slowest time constant was known."""
-    slowest = int(np.argmax(model.time_constants))
-    std, constant = float(model.log_std[1 + slowest]), float(model.time_constants[slowest])
+    std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
     if std < LIMITS.max_log_std and constant < 60 * minutes:
         return ()

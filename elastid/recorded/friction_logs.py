@@ -65,6 +65,7 @@ def read_friction_logs(
     recorded = spec.as_recorded()
     postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
     records, heated, start_s = list[FrictionRecord](), dict[str, list[tuple[FrictionRecord, Heat, FileSpec]]](), 0.0
+    notes = list[Note]()
     stems = [Path(file.path).stem for file in recorded.files]
     for i, (stem, file) in enumerate(zip(stems, recorded.files, strict=True), start=1):
         name = f"{stem}-{i}" if stems.count(stem) > 1 else stem
@@ -78,11 +79,12 @@ def read_friction_logs(
             )
         start_s += max(record.duration_s for record in of_log)
         if file.purpose == "warm_up":
+            notes += of_log[0].notes
             heated.setdefault(of_log[0].joint, []).append((of_log[0], heat_of(of_log[0]), file))
             joint = next(driven for driven in robot.driven if driven.name == of_log[0].joint)
             of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
         records += of_log
-    return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()))
+    return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
 
 
 def _warm_up(parts: Sequence[tuple[FrictionRecord, Heat, FileSpec]]) -> WarmUpLog:
@@ -174,17 +176,7 @@ class _LogReader:
             for joint in self.robot.driven
             if (position := _signal(signals, "y", joint.name, "position")) is not None
         }
-        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
-        if not moving:
-            raise DataError(
-                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
-                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
-            )
-        if self.file.purpose == "warm_up" and len(moving) > 1:
-            raise DataError(
-                f"{self.path}: joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
-                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
-            )
+        moving = self._moving(positions, signals)
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
@@ -218,6 +210,20 @@ class _LogReader:
             )
             for joint in moving
         )
+
+    def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
+        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
+        if not moving:
+            raise DataError(
+                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
+                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
+            )
+        if self.file.purpose == "warm_up" and len(moving) > 1:
+            raise DataError(
+                f"{self.path}: joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
+                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
+            )
+        return moving
 
     def _resolution(self, position: FloatArray) -> float:
         """A count of the encoder; of loops that end by sliding also where values hardly repeat."""

@@ -22,7 +22,7 @@ from elastid.recorded.repair.converter import step
 
 @dataclass(frozen=True)
 class WarmUpLogLimits:
-    """Limits of logs of warm-ups.  False alarms of 100 clean logs (rest_and_warm_up.py): 0."""
+    """Limits of logs of warm-ups.  False alarms of 30 logs (rest_and_warm_up.py): 0 refusals."""
 
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log
@@ -81,16 +81,15 @@ def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
 
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Test passes: of each speed that occurs throughout the log the first pass in each of its parts."""
-    if record.speed is not None:
-        return tuple(replace(each, is_warm_up=True) for each in detect_passes(record, has_gravity))
+    """Test passes: of each speed that is stated, or occurs throughout the log, the first pass in each of its parts."""
+    least = 1 if record.speed is not None else LIMITS.min_groups
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([each.speed for each in passes], dtype=np.float64)).tolist()
     length = max(record.duration_s / LIMITS.groups, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, each in zip(speeds, passes, strict=True):
         firsts.setdefault(speed, {}).setdefault(int((each.start_s - record.start_s) / length), each)
-    usable = [each for groups in firsts.values() if len(groups) >= LIMITS.min_groups for each in groups.values()]
+    usable = [each for groups in firsts.values() if len(groups) >= least for each in groups.values()]
     return tuple(replace(each, is_warm_up=True) for each in sorted(usable, key=lambda each: each.start_s))
 
 
@@ -102,6 +101,7 @@ def warm_up_log(
     DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
     """
     joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
+    room = float("nan") if ambient is None else ambient
     time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
     for record, heat in zip(records[1:], heats[1:], strict=True):
         pause = float(heat.time_s[0] - time_s[-1])
@@ -122,8 +122,7 @@ def warm_up_log(
         )
     read, count = np.isfinite(readings), max(heat.count for heat in heats)
     if not read.any():
-        known = _or_nan(ambient if start is None else start)
-        return WarmUpLog(joint, time_s, power, readings, 0.0, _or_nan(ambient), known)
+        return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
     if np.ptp(readings[read]) < max(count, 1e-9):
         raise DataError(
             f"{place}: the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm "
@@ -132,7 +131,7 @@ def warm_up_log(
     noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
     chosen = _coarse(readings, count) if noise < count / np.sqrt(12) else readings
     log_start, std = float(readings[read][0]), max(noise, count / np.sqrt(12))
-    return WarmUpLog(joint, time_s, power, chosen, std, _or_nan(ambient), log_start, max(LIMITS.start_std, 3 * std))
+    return WarmUpLog(joint, time_s, power, chosen, std, room, log_start, max(LIMITS.start_std, 3 * std))
 
 
 def _coarse(readings: FloatArray, count: float) -> FloatArray:
@@ -143,7 +142,3 @@ def _coarse(readings: FloatArray, count: float) -> FloatArray:
     result = np.full(len(readings), np.nan)
     result[chosen] = readings[chosen]
     return result
-
-
-def _or_nan(degc: float | None) -> float:
-    return float("nan") if degc is None else float(degc)

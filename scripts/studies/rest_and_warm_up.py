@@ -153,6 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=100, help="at rest, of each kind")
     parser.add_argument("--rigs", type=int, default=30, help="that warm up")
+    parser.add_argument("--loops", type=int, default=5, help="logs of slow loops")
     parser.add_argument("--quick", action="store_true", help="4 draws, 2 rigs")
     options = parser.parse_args(arguments)
     draws, rigs = (4, 2) if options.quick else (options.draws, options.rigs)
@@ -165,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for kind in ("multisine", "noise"):
             results[kind] = at_rest(robot, kind, draws, folder)
             print(kind, results[kind], flush=True)
-        results["loops"] = loops(robot, 1 if options.quick else 5, folder)
+        results["loops"] = loops(robot, 1 if options.quick else options.loops, folder)
         print("loops", results["loops"], flush=True)
         halves = [predicted(seed, folder) for seed in range(rigs)]
     for key in ("temperature", "level"):

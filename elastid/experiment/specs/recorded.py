@@ -9,8 +9,6 @@ from elastid.base.units import Damping, Frequency, InUnit, JointVelocity, Temper
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
 from elastid.record import Hold
 
-# at_rest and warm_up are those of a study of friction that designs its motions.
-LogPurpose: TypeAlias = Literal["motion", "loops", "at_rest", "warm_up"]
 PositionGain = Annotated[float, InUnit("1/s")]
 
 
@@ -111,11 +109,11 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[LogPurpose, Key("Purpose of the log: passes and any other motion; `loops` of growing torque "
-        "before the joint slides; `at_rest`, a small multisine or noise at standstill; `warm_up`, a joint that moves "
-        "to and fro until it is warm.", "`loops` gives friction before sliding, `at_rest` stiffness and damping of "
-        "the bristles, `warm_up` the time constants of heat; plateaus are looked for in motions and "
-        "warm-ups.")] = "motion"
+    purpose: Annotated[Literal["motion", "loops", "at_rest", "warm_up"], Key("Purpose of the log: passes and any other "
+        "motion; `loops` of growing torque before the joint slides; `at_rest`, a small multisine or noise at "
+        "standstill; `warm_up`, a joint that moves to and fro until it is warm.", "`loops` gives friction before "
+        "sliding, `at_rest` stiffness and damping of the bristles, `warm_up` the time constants of heat; plateaus are "
+        "looked for in motions and warm-ups.")] = "motion"
     start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
         "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
         "which the joint cools.")] = None
