@@ -201,7 +201,8 @@ class _LogReader:
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
                 period_samples=period,
                 hold=holds[joint.name],
-                resolution=self._resolution(positions[joint.name]),
+                # Of loops that end by sliding values hardly repeat; three times the log they do.
+                resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "loops" else 1)),
                 start_s=self.start_s,
                 configuration=posture,
                 place=self.path,
@@ -224,10 +225,6 @@ class _LogReader:
                 "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
             )
         return moving
-
-    def _resolution(self, position: FloatArray) -> float:
-        """A count of the encoder; of loops that end by sliding also where values hardly repeat."""
-        return step(position) or (step(np.tile(position, 3)) if self.file.purpose == "loops" else 0.0)
 
     def _load_torques(self, posture: Configuration) -> Mapping[str, float]:
         """|torque| (Nm, N) that holds each driven joint at rest, the payload at the last frame."""

@@ -129,16 +129,8 @@ def warm_up_log(
             "the joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well"
         )
     noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
-    chosen = _coarse(readings, count) if noise < count / np.sqrt(12) else readings
-    log_start, std = float(readings[read][0]), max(noise, count / np.sqrt(12))
-    return WarmUpLog(joint, time_s, power, chosen, std, room, log_start, max(LIMITS.start_std, 3 * std))
-
-
-def _coarse(readings: FloatArray, count: float) -> FloatArray:
-    """Readings so far apart that their rounding differs; the others NaN."""
-    read = np.flatnonzero(np.isfinite(readings))
-    most = max(LIMITS.min_readings, int(LIMITS.per_count * np.ptp(readings[read]) / count))
-    chosen = read[:: max(1, len(read) // most)]
-    result = np.full(len(readings), np.nan)
-    result[chosen] = readings[chosen]
-    return result
+    std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
+    if noise < count / np.sqrt(12):  # readings of one count have one error
+        most = max(LIMITS.min_readings, int(LIMITS.per_count * np.ptp(readings[read]) / count))
+        readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
+    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(LIMITS.start_std, 3 * std))
