@@ -64,10 +64,10 @@ def halves(whole: WarmUp) -> tuple[WarmUp, FloatArray]:
     return first, ~early
 
 
-def without_tests(warm_up: WarmUp) -> WarmUp:
+def without_tests(whole: WarmUp) -> WarmUp:
     """The thermometer alone."""
     none = np.zeros(0)
-    return replace(warm_up, test=none, test_speed=none, level=none, level_std=none)
+    return replace(whole, test=none, test_speed=none, level=none, level_std=none)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def warm_log(
     n = round(hours * 3600 * rate_hz)
     time_s = np.arange(n) / rate_hz
     velocity = np.where(time_s % 2400 < 1800, _cycles(n, rate_hz), 0.0)
-    position = np.cumsum(velocity) / rate_hz
+    position = np.cumsum((velocity + np.append(0.0, velocity[:-1])) / 2) / rate_hz
     position = position - position.mean()
     gear, housing = _temperatures(velocity, rate_hz, start_degc, nodes)
     sliding = np.sign(velocity) * friction(velocity, gear)

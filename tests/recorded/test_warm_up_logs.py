@@ -104,3 +104,12 @@ def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmL
     warm_up = read(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
     assert np.isfinite(warm_up.readings).sum() < 25
     assert warm_up.reading_std == pytest.approx(1 / np.sqrt(12), rel=0.01)
+
+
+def test_the_room_and_the_start_are_those_of_the_file(folder: Path, log: WarmLog) -> None:
+    """A joint that was still warm: the room is colder than its first reading."""
+    warm_up = read(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
+    assert warm_up.ambient_degc == 18.0
+    assert warm_up.start_degc == pytest.approx(ROOM, abs=0.5)
+    assert warm_up.time_s[0] == 600.0
+    assert np.isnan(read(folder, log, FileSpec("warm.csv", purpose="warm_up")).ambient_degc)
