@@ -9,6 +9,10 @@ the thermometer outside (tests/plants/warm_rig.py), of random capacities and con
 hours, error over the second of the temperature over its rise and of the gear's friction, rms in %; notes and refusals,
 none of which these logs deserve.  Cost: CPU seconds of 720 000 samples from the file to the thermal model.  The last
 line is one JSON object.
+
+Multisine of 6 periods, 40 draws: sigma_0 0.48 %, sigma_1 2.1 % rms, coverage 85 and 95 +- 5 %: a variance from five
+periods makes weights that the intervals take for exact.  Warm-up, 12 rigs: temperature within 0.25 %, level within 0.35
+%, no note and no refusal.  Cost: 2.2 CPU seconds.
 """
 
 from __future__ import annotations
