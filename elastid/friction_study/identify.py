@@ -53,7 +53,8 @@ def identify_friction(
     """The friction of all joints; truth: the simulated robot.  FitError for a part that is `yes` and not identified."""
     joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
-    if not any(joint.friction is not None or joint.numbers for joint in joints):
+    parts = [part for joint in joints for part in (joint.friction, joint.presliding, joint.at_rest, joint.thermal)]
+    if all(part is None for part in parts):
         status = "failed"
     message = "; ".join(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
     return FrictionResult(joints, measured.notes, status, message)
