@@ -254,8 +254,9 @@ class Record:
 
 
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
-# at_rest: a small multisine at standstill.  run_down: it coasts, one way, against a known inertia.
-Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest", "run_down"]
+# at_rest: a small multisine or noise at standstill.  warm_up: to and fro until the joint is warm.  run_down: it coasts,
+# one way, against a known inertia.
+Purpose: TypeAlias = Literal["passes", "motion", "loops", "at_rest", "warm_up", "run_down"]
 
 
 @frozen_value
@@ -351,7 +352,8 @@ class WarmUpLog:
     """Heat of a joint during a warm-up: power (n,) in W from time_s[k] to time_s[k + 1] (n + 1,), s from the start.
 
     temperature (n + 1,): of a thermometer in degC, NaN where there is none, with temperature_std.  ambient_degc,
-    start_degc: of the room, and of the joint at the first time.  Its test passes are records with is_warm_up.
+    start_degc: of the room, and of the joint at the first time, known to start_std; ambient_degc is NaN where the joint
+    started at it.  Its test passes are records with is_warm_up.
     """
 
     joint: str
@@ -361,6 +363,7 @@ class WarmUpLog:
     temperature_std: float
     ambient_degc: float
     start_degc: float
+    start_std: float = 0.0
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -389,4 +392,4 @@ class FrictionRecords:
     @property
     def joints(self) -> tuple[str, ...]:
         """The joints that were measured, in order."""
-        return tuple(dict.fromkeys(record.joint for record in self.records))
+        return tuple(dict.fromkeys([*(each.joint for each in self.records), *(each.joint for each in self.warm_ups)]))

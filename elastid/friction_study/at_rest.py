@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import welch
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
@@ -47,6 +48,9 @@ class RestLimits:
     min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
     min_lines: int = 8  # of the torque that stand out of noise
+    segments: int = 16  # of noise, before overlap
+    correlated_lines: float = 1.94  # of noise, by Hann's window
+    min_power: float = 0.01  # of the highest: lines of noise below are not excited
 
 
 REST = RestLimits()
@@ -250,11 +254,11 @@ class RestResponse:
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
-        """From the periodic records of one amplitude, each a realisation.
+        """From the records of one amplitude, each a realisation; of noise the lines on which there is torque.
 
-        DataError for a record without a period, motion of less than a few counts of the encoder, and as `estimate`.
+        DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
-        first, periodic = records[0], [_periodic(record, i) for i, record in enumerate(records)]
+        first, periodic = records[0], [_as_record(record, i) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
         if not reach > REST.min_counts * first.resolution:
             raise DataError(
@@ -262,7 +266,7 @@ class RestResponse:
                 f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
                 "the torque at rest, use a finer encoder, or measure presliding by loops"
             )
-        G = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
+        G = estimate(periodic, _estimator(periodic))
         assert G.noise is not None
         if G.n_lines < REST.min_lines:
             raise DataError(
@@ -270,9 +274,11 @@ class RestResponse:
                 f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often"
             )
         # Above one and a half times the highest line, the noise of the encoder dominates.
-        position, velocity = _motion(periodic, 1.5 * float(G.freq_hz[-1]), first.resolution)
+        lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
+        position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
         peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
-        return cls(G.freq_hz, G.G[:, 0, 0], G.noise.variance[:, 0, 0], peak, position, velocity)
+        variance = G.noise.variance[:, 0, 0] * (1.0 if periodic[0].is_periodic else REST.correlated_lines)
+        return cls(G.freq_hz, G.G[:, 0, 0], variance, peak, position, velocity)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
@@ -287,17 +293,27 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
     return tuple(RestResponse.of(group) for group in groups)
 
 
-def _periodic(record: FrictionRecord, realisation: int) -> Record:
-    if record.period_samples is None:
-        raise DataError(
-            f"joint {record.joint} at rest ({record.name}): its torque has no period; repeat a multisine, and state "
-            "its period"
-        )
-    place = (f"motor {record.joint}",)
+def _as_record(record: FrictionRecord, realisation: int) -> Record:
+    place, period = (f"motor {record.joint}",), record.period_samples
     return Record(
         record.name, record.configuration or Configuration(record.name, np.zeros(1)), realisation, 0, record.rate_hz,
-        record.period_samples, place, place, ("position",), record.torque[:, None], record.position[:, None],
-        hold=record.hold, sliding=place if record.slides else (),
+        period or len(record.torque), place, place, ("position",), record.torque[:, None], record.position[:, None],
+        is_periodic=period is not None, hold=record.hold, sliding=place if record.slides else (),
+    )  # fmt: skip
+
+
+def _estimator(records: Sequence[Record]) -> EstimatorSpec:
+    """Of a multisine the default; of noise Welch's method, where the torque has a hundredth of its highest power."""
+    if records[0].is_periodic:
+        return EstimatorSpec(quantity="position", friction="none")
+    n, rate_hz = min(len(record.u) for record in records), records[0].rate_hz
+    segment = max(16, n // REST.segments)
+    spectra = [welch(record.u[:, 0], rate_hz, nperseg=segment)[1] for record in records]
+    power = np.mean(spectra, axis=0)
+    driven = np.flatnonzero(power > REST.min_power * power.max()) * rate_hz / segment
+    band_hz = (float(driven[0]), min(float(driven[-1]), 0.4 * rate_hz))
+    return EstimatorSpec(
+        quantity="position", friction="none", method="h1", segment=segment / rate_hz, band_hz=band_hz
     )  # fmt: skip
 
 
@@ -318,16 +334,15 @@ def _mean_period(record: Record, signal: FloatArray) -> FloatArray:
     return np.asarray(periods[min(1, P - 1) :].mean(axis=0))
 
 
-def _motion(records: Sequence[Record], band_hz: float, resolution: float) -> tuple[float, float]:
-    """Rms position and velocity below band_hz, less the power of an encoder's counts; without mean and drift."""
+def _motion(records: Sequence[Record], band_hz: tuple[float, float], resolution: float) -> tuple[float, float]:
+    """Rms position and velocity in a band, less the power of an encoder's counts; without mean and drift."""
     powers = []
     for record in records:
         q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
         n = len(q)
         freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
         power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
-        # At least one period fits into the band of the motion.
-        inside = (freq_hz > 0.75 * record.rate_hz / record.period_samples) & (freq_hz < band_hz)
+        inside = (freq_hz > band_hz[0]) & (freq_hz < band_hz[1])
         power = power[inside] - resolution**2 / 6 / n
         powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])
     position, velocity = np.sqrt(np.maximum(np.mean(powers, axis=0), 1e-300))

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import PassLevels
-from elastid.friction_study.lugre_shooting import JointLog, LuGreFit, Prior, fit_lugre
+from elastid.friction_study.lugre_shooting import INTERVAL, JointLog, LuGreFit, Prior, fit_lugre
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
 from elastid.friction_study.result import (
@@ -36,7 +37,7 @@ from elastid.friction_study.result import (
     true_numbers,
 )
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_of
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -55,10 +56,10 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
-    if all(joint.friction is None for joint in joints):
+    parts = [part for joint in joints for part in (joint.friction, joint.presliding, joint.at_rest, joint.thermal)]
+    if all(part is None for part in parts):
         status = "failed"
-    numbers = [f"joint {joint.joint}: {_first_numbers(joint) or 'nothing was found'}" for joint in joints]
-    message = "; ".join([*misfits, *numbers])
+    message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
     return FrictionResult(joints, measured.notes, status, message)
 
 
@@ -129,13 +130,15 @@ def _heat(
         return None, None, ()
     try:
         warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up)), ()
+        thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
+        return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
         return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
 def _first_numbers(joint: JointFriction) -> str:
-    return ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
+    numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
+    return numbers or next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
 
 
 def joint_law(
@@ -207,7 +210,7 @@ def find_before_sliding(
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
     log = _loops(loops[0], spec)
     if law.presliding == "lugre":
-        bristles = _bristles(robot, loops[0], levels, static, at_rest, notes)
+        bristles = _bristles(robot, loops[0], log.frequency_hz, levels, static, at_rest, notes)
         return BeforeSliding(log, None, at_rest, bristles, tuple(notes))
     try:
         return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
@@ -216,12 +219,18 @@ def find_before_sliding(
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
 
 
+def _largest_stiffness(torque: FloatArray, position: FloatArray, period: int) -> float:
+    """Travel of torque over that of the joint in the stiffest loop: of a log that slides in others, or at its end."""
+    loops = range(0, max(1, len(torque) - period + 1), period)
+    return max(float(np.ptp(torque[i : i + period]) / max(np.ptp(position[i : i + period]), 1e-12)) for i in loops)
+
+
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
     if spec.presliding is not None:
         frequency_hz = spec.presliding.frequency_hz
     else:
-        about = record.torque - record.torque.mean()
-        frequency_hz = max(1.0, np.sum(np.diff(np.sign(about)) != 0) / 2) / record.duration_s
+        spectrum = np.abs(np.fft.rfft(record.torque - record.torque.mean()))
+        frequency_hz = max(1, int(np.argmax(spectrum))) / record.duration_s  # of the loops, not of a dither on them
     settled = round(record.rate_hz / frequency_hz / 2)
     return Loops(
         f"joint {record.joint}", record.rate_hz, record.position, record.torque, float(frequency_hz),
@@ -254,6 +263,7 @@ def _held(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
 def _bristles(
     robot: Robot,
     record: FrictionRecord,
+    frequency_hz: float,
     levels: PassLevels | None,
     static: StaticLaw | None,
     rest: AtRest | None,
@@ -276,11 +286,14 @@ def _bristles(
     cos, sin, offset = (shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
     torque = record.torque - np.asarray(cos * np.cos(q) + sin * np.sin(q) + offset)
     white_std = float(np.std(np.diff(torque, 2)) / np.sqrt(6))  # of white noise on a slow signal
+    torque_std = max(levels.residual_rms, white_std, 1e-12)
+    # Torque noise moves the motor within an interval, of which its states at both ends leave some twentieth.
+    wander = torque_std / spring.motor_inertia / record.rate_hz**2 * INTERVAL**1.5 / 20
     log = JointLog(
-        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
-        max(levels.residual_rms, white_std, 1e-12), record.resolution / np.sqrt(12),
+        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0], torque_std,
+        max(record.resolution / np.sqrt(12), wander),
     )  # fmt: skip
-    stiffness = float(np.ptp(torque) / np.ptp(record.position))
+    stiffness = _largest_stiffness(torque, record.position, max(1, round(record.rate_hz / frequency_hz)))
     damping = 0.3 * np.sqrt(stiffness * spring.motor_inertia)
     start = {"sigma_0": stiffness, "sigma_1": damping, "coulomb": static.values["coulomb"], "viscous": static.viscous}
     start |= {"stiction": static.values.get("stiction", static.values["coulomb"])}

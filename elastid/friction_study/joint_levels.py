@@ -37,9 +37,12 @@ from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
+# Purposes of records of a joint that does not slide.
+STILL = ("loops", "at_rest")
+
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
-    """Levels and motions of each measured joint; DataError where a joint has neither, or they cannot be evaluated."""
+    """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
     motions, none = _motions(robot, joints, measured), JointMotion(None, (), False, ())
     return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, none)) for joint in joints)
 
@@ -56,7 +59,8 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     if run_downs and not records:
         coasting = _of_run_downs(robot, joint, run_downs)
         return JointLevels(joint.name, joint.slides, coasting, friction, notes=(*notes, *coasting.notes))
-    if not records and friction is None:
+    is_warmed = any(log.joint == joint.name for log in measured.warm_ups)
+    if not records and friction is None and not (is_warmed or any(r.purpose in STILL for r in own)):
         raise DataError(
             f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
             "record them"

@@ -222,7 +222,12 @@ def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> 
 
 
 def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
-    """A note on loops of fewer than three counts; DataError where most are."""
+    """A note on loops of fewer than three counts; DataError where most are, and without a way back."""
+    if np.count_nonzero(np.diff(np.sign(record.torque - record.torque.mean()))) == 1:
+        raise DataError(
+            f"{record.place}: loops of joint {record.joint}: its torque never reverses, so that friction cannot be "
+            "distinguished from a spring; log loops to and fro, or take purpose: motion"
+        )
     if record.resolution <= 0:
         return ()
     amplitudes = _amplitudes(record)

@@ -106,7 +106,9 @@ class JointFriction:
     def missing(self) -> tuple[Held, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.friction is None:
-            return (Held("friction", "the data identify no law that is physically possible"),)
+            slid = self.static is not None or self.motion is not None
+            why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
+            return (Held("friction", why),)
         return tuple(
             held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
         )

@@ -5,11 +5,15 @@ r"""The temperature of a joint from the power that friction and motor turn into 
 
 exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
 
-.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad w_1 + w_2 = 1
+.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
+          w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
-Known: readings of a thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature
-must be known; where it is not, kelvins cannot be known either, and the levels at each test speed follow a relative
-temperature u, 1 where the largest power would lead: level = c_0 + c_1 u + c_2 u^2.
+with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
+other node, such as the housing with its thermometer, has s = 1, so that w_2 is negative. Known: readings of a
+thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature must be known; where
+it is not, kelvins cannot be known either, and the levels at each test speed follow a relative temperature u, 1 where
+the largest power would lead: level = c_0 + c_1 u + c_2 u^2. With a thermometer they follow a u of their own, of the
+same time constants, where the law at the thermometer's temperature explains less: the grease is elsewhere.
 """
 
 from __future__ import annotations
@@ -20,9 +24,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
+from elastid.base.note import Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
@@ -40,6 +46,7 @@ class WarmUp:
 
     readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
     test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
+    start_std: of start_degc, 0 where it is exact.  ambient_degc is NaN where it is that of the start.
     load (m,): |torque| that each test pass carried, Nm; None where none is known.
     """
 
@@ -54,6 +61,7 @@ class WarmUp:
     level: FloatArray
     level_std: FloatArray
     load: FloatArray | None = None
+    start_std: float = 0.0
 
     def __post_init__(self) -> None:
         n, m = len(self.power), len(self.level)
@@ -71,11 +79,24 @@ class WarmUp:
 
 
 @dataclass(frozen=True)
-class ThermalModel:
-    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, with the covariance of their logarithms.
+class WarmUpLimits:
+    """Limits of warm-ups.  False alarms of 12 logs (rest_and_warm_up.py): no note on a short warm-up."""
 
-    h is NaN and scale `relative` where kelvins cannot be known; then series (n_speeds, 3) are c_0, c_1, c_2 at each
-    test speed.
+    best_thermometer: float = 0.05  # K, std of its readings at least
+    max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
+    closest: float = 0.9  # ratio of two time constants at most
+    max_log_std: float = 0.3  # of a time constant: a warm-up with a wider one was too short
+
+
+LIMITS = WarmUpLimits()
+
+
+@dataclass(frozen=True)
+class ThermalModel:
+    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, with the std of their logarithms.
+
+    h is NaN and scale `relative` where kelvins cannot be known.  series (n_speeds, 3) are c_0, c_1, c_2 at each test
+    speed, with level_shares (n_nodes,); without any, levels follow the law at the temperature.  start_degc: estimated.
     """
 
     scale: Scale
@@ -88,23 +109,27 @@ class ThermalModel:
     speeds: FloatArray
     series: FloatArray
     power_at_one: float
+    level_shares: FloatArray
+    start_degc: float = math.nan
 
     def temperature(self, warm_up: WarmUp) -> FloatArray:
         """T (n + 1,) in degC along a warm-up; relative: u."""
-        heat = _heat(warm_up, self.time_constants, self.shares)
         if self.scale == "relative":
-            return np.asarray(heat / self.power_at_one)
-        return _kelvin(warm_up, self.time_constants, self.shares, self.h)
+            return self._relative(warm_up)
+        return _kelvin(warm_up, self.time_constants, self.shares, self.h, self.start_degc)
 
     def levels(self, warm_up: WarmUp, level_of: LevelOf | None) -> FloatArray:
         """Levels (m,) at the tests of a warm-up."""
-        at_tests = self.temperature(warm_up)[warm_up.tests]
-        if self.scale == "kelvin":
-            if level_of is None:
-                raise ValueError("a model in kelvins needs a law to give levels")
-            return level_of(warm_up.test_speed, at_tests)
-        place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
-        return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
+        if len(self.series):
+            at_tests = self._relative(warm_up)[warm_up.tests]
+            place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
+            return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
+        if level_of is None:
+            raise ValueError("a model in kelvins needs a law to give levels")
+        return level_of(warm_up.test_speed, self.temperature(warm_up)[warm_up.tests])
+
+    def _relative(self, warm_up: WarmUp) -> FloatArray:
+        return np.asarray(_heat(warm_up, self.time_constants, self.level_shares) / self.power_at_one)
 
 
 def level_over_heat(law: StaticLaw | None, warm_up: WarmUp) -> LevelOf | None:
@@ -132,124 +157,178 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     if not np.any(warm_up.power > 0):
         text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
         raise DataError(f"warm-up: {text}")
-    fit = _fit_kelvin if has_readings or level_of is not None else _fit_relative
-    single, double = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
+    is_law = level_of is not None and math.isfinite(warm_up.start_degc)
+    _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
+    is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
+    own = _fitted(_Problem(warm_up, None, has_series=True)) if is_course or not (has_readings or is_law) else None
+    if own is not None and not is_law:
+        return own
+    by_law = _fitted(_Problem(warm_up, level_of if is_law else None))
+    added = 0 if own is None else by_law.dof - own.dof
+    pays = own is not None and added > 0 and chance_of_terms(by_law.cost, own.cost, added, own.dof) < FALSE_ALARM
+    return own if own is not None and pays else by_law
+
+
+def _fitted(problem: _Problem) -> ThermalModel:
+    """With one node, or with two where these pay."""
+    single = problem.fit()
+    double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
     if double.dof < 1:
         return single
-    return double if chance_of_terms(single.cost, double.cost, 2, double.dof) < FALSE_ALARM else single
+    chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof)
+    return double if chance < FALSE_ALARM else single
 
 
-def _fit_kelvin(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> ThermalModel:
-    read = np.isfinite(warm_up.readings)
+@dataclass(frozen=True)
+class _Problem:
+    """Unknowns x by name: ln T_1, ln T_2 / T_1, s of thermometer and of levels, ln h, start in its std.
 
-    def residual(x: FloatArray) -> FloatArray:
-        constants, shares = _nodes(x, nodes)
-        T = _kelvin(warm_up, constants, shares, float(np.exp(x[0])))
-        # A thermometer is never better than 0.05 K.
-        parts = [(warm_up.readings - T)[read] / max(warm_up.reading_std, 0.05)] if read.any() else []
-        if level_of is not None:
-            parts.append((warm_up.level - level_of(warm_up.test_speed, T[warm_up.tests])) / warm_up.level_std)
+    Levels follow level_of, or a parabola of the heat at each speed, whose three numbers are eliminated.
+    """
+
+    warm_up: WarmUp
+    level_of: LevelOf | None
+    has_series: bool = False
+    nodes: int = 1
+
+    @property
+    def is_kelvin(self) -> bool:
+        """True if readings or a law state kelvins."""
+        return bool(np.isfinite(self.warm_up.readings).any()) or self.level_of is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknowns."""
+        second = ("ratio", *(["share"] if self.is_kelvin else []), *(["level_share"] if self.has_series else []))
+        return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
+
+    def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+        """Time constants, shares of the thermometer and of the levels, h, start."""
+        value = dict(zip(self.names, x.tolist(), strict=True))
+        T, ratio = math.exp(value["constant"]), math.exp(value.get("ratio", 0.0))
+        constants = np.array([T, T * ratio])[: self.nodes]
+        first = np.array([value.get(name, 1.0) for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
+        own, levels = np.ones((2, 1)) if self.nodes == 1 else np.stack([first, 1 - first], axis=1)
+        start = self.warm_up.start_degc + max(self.warm_up.start_std, 1e-6) * value.get("start", 0.0)
+        return constants, own, levels, math.exp(value.get("h", 0.0)), start
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """Of readings, levels and the start, of variance 1."""
+        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
+        parts = []
+        if self.is_kelvin:
+            T = _kelvin(warm_up, constants, shares, h, start)
+            read, std = np.isfinite(warm_up.readings), max(warm_up.reading_std, LIMITS.best_thermometer)
+            parts += [(warm_up.readings - T)[read] / std, x[-1:]]
+            if self.level_of is not None:
+                level = self.level_of(warm_up.test_speed, T[warm_up.tests])
+                parts.append((warm_up.level - level) / warm_up.level_std)
+        if self.has_series:
+            A, c = self.series(constants, level_shares)
+            parts.append(warm_up.level / warm_up.level_std - A @ c)
         return np.concatenate(parts)
 
-    # h such that the mean power warms by 20 K.
-    end = _search(warm_up, residual, nodes, np.log(warm_up.power.mean() / 20.0))
-    constants, shares = _nodes(end.x, nodes)
-    return ThermalModel(
-        "kelvin", constants, shares, float(np.exp(end.x[0])), np.sqrt(np.diag(end.covariance)), end.cost, end.dof,
-        np.zeros(0), np.zeros((0, 3)), math.nan,
-    )  # fmt: skip
-
-
-def _fit_relative(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> ThermalModel:
-    """Levels at each speed are a parabola of the heat; its three numbers are eliminated."""
-    speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
-
-    def columns(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        heat = _heat(warm_up, *_nodes(x, nodes))[warm_up.tests] / warm_up.power.max()
+    def series(self, constants: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns (m, 3 n_speeds) of the parabolas over the std of the levels, and their numbers, all c_0 first."""
+        warm_up = self.warm_up
+        speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
+        heat = _heat(warm_up, constants, shares)[warm_up.tests] / warm_up.power.max()
         by_speed = np.eye(len(speeds))[place]
         A = np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / warm_up.level_std[:, None]
         return A, np.asarray(np.linalg.lstsq(A, warm_up.level / warm_up.level_std, rcond=None)[0])
 
-    def residual(x: FloatArray) -> FloatArray:
-        A, c = columns(x)
-        return np.asarray(warm_up.level / warm_up.level_std - A @ c)
+    def fit(self, constant: float | None = None) -> ThermalModel:
+        """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""
+        end = self._search(constant)
+        constants, shares, level_shares, h, start = self.parts(end.x)
+        speeds, c = np.zeros(0), np.zeros(0)
+        if self.has_series:
+            speeds, (_, c) = np.unique(np.round(self.warm_up.test_speed, 9)), self.series(constants, level_shares)
+        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
+        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
+        log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
+        return ThermalModel(
+            "kelvin" if self.is_kelvin else "relative", constants, shares if self.is_kelvin else level_shares,
+            h if self.is_kelvin else math.nan, log_std, end.cost, end.dof - len(c), speeds, c.reshape(3, -1).T,
+            float(self.warm_up.power.max()) if self.has_series else math.nan, level_shares, start,
+        )  # fmt: skip
 
-    end = _search(warm_up, residual, nodes, None)
-    _, c = columns(end.x)
-    constants, shares = _nodes(end.x, nodes)
-    log_std = np.append(0.0, np.sqrt(np.diag(end.covariance))[1:])  # without kelvins there is no h
-    return ThermalModel(
-        "relative", constants, shares, math.nan, log_std, end.cost, end.dof - 3 * len(speeds), speeds,
-        c.reshape(3, -1).T, float(warm_up.power.max()),
-    )  # fmt: skip
+    def _search(self, constant: float | None) -> Optimum:
+        span = float(self.warm_up.time_s[-1] - self.warm_up.time_s[0])
+        lead = np.log(max(self.warm_up.power.mean(), 1e-3) / 20.0)  # h such that the mean power warms by 20 K
+        share = (0.0, LIMITS.max_share)
+        bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(LIMITS.closest))}
+        bounds |= {"share": share, "level_share": share, "h": (lead - 10, lead + 10), "start": (-10.0, 10.0)}
+        low, high = np.array([bounds[name] for name in self.names]).T
+        slowest = (0.05 * span, 0.2 * span, 0.6 * span) if constant is None else (constant,)
+        second = [(1 / 8, 0.6)] if constant is None else [(1 / 8, 0.6), (1 / 4, 1.0), (1 / 30, 0.6)]
+        common = {"level_share": 0.6, "h": lead, "start": 0.0}
+        starts = [
+            common | {"constant": np.log(T), "ratio": np.log(ratio), "share": s} for T in slowest for ratio, s in second
+        ]
+        within = [np.array([start[name] for name in self.names], dtype=float) for start in starts]
+        ends = [end for end in minimise(self.residual, within, bounds=(low, high)) if np.isfinite(end.cost)]
+        if not ends:
+            raise FitError("warm-up: no start leads to an optimum; check its levels and temperatures")
+        return min(ends, key=lambda end: end.cost)
 
 
-def _search(warm_up: WarmUp, residual: Callable[[FloatArray], FloatArray], nodes: int, log_h: float | None) -> Optimum:
-    """x = (ln h, ln T_1[, ln T_2, logit w_1]), the best of three starts."""
-    span = float(warm_up.time_s[-1] - warm_up.time_s[0])
-    low, high = np.log(1 / 200 * span), np.log(5.0 * span)  # of time constants
-    lead = 0.0 if log_h is None else log_h
-    second = [(low, high), (-4.0, 4.0)] if nodes == 2 else []
-    bounds = np.array([(lead - 10, lead + 10), (low, high), *second]).T
-    starts = [
-        [lead, np.log(share * span), *([np.log(share * span / 8), 0.0] if nodes == 2 else [])]
-        for share in (0.05, 0.2, 0.6)
-    ]
-    within = [np.clip(start, bounds[0] + 1e-6, bounds[1] - 1e-6) for start in starts]
-    ends = [end for end in minimise(residual, within, bounds=tuple(bounds)) if np.isfinite(end.cost)]
-    if not ends:
-        raise FitError("warm-up: no start leads to an optimum; check its levels and temperatures")
-    return min(ends, key=lambda end: end.cost)
-
-
-def _nodes(x: FloatArray, nodes: int) -> tuple[FloatArray, FloatArray]:
-    if nodes == 1:
-        return np.exp(x[1:2]), np.ones(1)
-    share = 1 / (1 + np.exp(-x[3]))
-    return np.exp(x[1:3]), np.array([share, 1 - share])
+def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
+    """A note where a warm-up ended before its slowest time constant was known."""
+    std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
+    minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
+    if std < LIMITS.max_log_std and constant < 60 * minutes:
+        return ()
+    text = (
+        f"{minutes:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
+        "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
+    )
+    return (Note("short-warm-up", text, place),)
 
 
 def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatArray:
     """sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
-    steps = np.diff(warm_up.time_s)
-    total = np.zeros(len(warm_up.time_s))
+    steps, total = np.diff(warm_up.time_s), np.zeros(len(warm_up.time_s))
     for T_i, w in zip(constants, shares, strict=True):
-        decay, theta, path = np.exp(-steps / T_i), 0.0, [0.0]
-        for fade, power in zip(decay.tolist(), warm_up.power.tolist(), strict=True):
-            theta = theta * fade + power * (1 - fade)
-            path.append(theta)
-        total += w * np.array(path)
+        decay = np.exp(-steps / T_i)
+        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = ...
+        total += w * solve_banded((1, 0), recursion, np.append(0.0, warm_up.power * (1 - decay)), check_finite=False)
     return total
 
 
-def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float) -> FloatArray:
-    """T (n + 1,) in degC; the excess over ambient at the start fades with the same constants."""
-    elapsed = warm_up.time_s - warm_up.time_s[0]
-    fading = np.sum([w * np.exp(-elapsed / T_i) for T_i, w in zip(constants, shares, strict=True)], axis=0)
-    above = warm_up.start_degc - warm_up.ambient_degc
-    return np.asarray(warm_up.ambient_degc + above * fading + _heat(warm_up, constants, shares) / h)
+def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
+    """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
+    fading = np.exp(-(warm_up.time_s - warm_up.time_s[0]) / constants.max())
+    ambient = start if math.isnan(warm_up.ambient_degc) else warm_up.ambient_degc
+    return np.asarray(ambient + (start - ambient) * fading + _heat(warm_up, constants, shares) / h)
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """The log with the level of each test pass: half the difference of both ways over angles that both cover."""
-    pairs = [_common(sorted(passes_of(record), key=lambda each: -each.direction)) for record in tests]
+    pairs = [sorted(passes_of(record), key=lambda each: -each.direction) for record in tests]
     speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
-    levels = [(forth.torque.mean() - back.torque.mean()) / 2 for forth, back in pairs]
-    stds = [np.hypot(*(np.std(each.torque) / np.sqrt(len(each.torque)) for each in pair)) / 2 for pair in pairs]
+    levels = np.array([_level(*pair) for pair in pairs]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
-        np.array([record.load_torque for record in tests]),
+        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1],
+        np.array([record.load_torque for record in tests]), log.start_std,
     )  # fmt: skip
 
 
-def _common(pair: Sequence[Pass]) -> list[Pass]:
-    low = max(float(each.position.min()) for each in pair)
-    high = min(float(each.position.max()) for each in pair)
+def _level(forth: Pass, back: Pass) -> tuple[float, float]:
+    """Level and its std, from means over the same angles, in which gravity and ripple are the same both ways."""
+    low, high = max(forth.position.min(), back.position.min()), min(forth.position.max(), back.position.max())
     if high <= low:
-        return list(pair)
-    inside = [(each.position >= low) & (each.position <= high) for each in pair]
-    names = ("position", "velocity", "acceleration", "torque")
-    each_inside = zip(pair, inside, strict=True)
-    return [replace(each, **{name: getattr(each, name)[own] for name in names}) for each, own in each_inside]
+        stds = [each.torque.std() / np.sqrt(len(each.torque)) for each in (forth, back)]
+        return float(forth.torque.mean() - back.torque.mean()) / 2, float(np.hypot(*stds)) / 2
+    edges = np.linspace(low, high, 1 + max(2, min(40, min(len(forth.position), len(back.position)) // 4)))
+    sums, counts = (
+        np.array(
+            [np.histogram(each.position, edges, weights=w)[0] for each, w in zip((forth, back), weights, strict=True)]
+        )
+        for weights in ((forth.torque, back.torque), (None, None))
+    )
+    covered = counts.min(axis=0) > 0
+    half = np.array([0.5, -0.5]) @ (sums[:, covered] / counts[:, covered])
+    return float(half.mean()), float(half.std(ddof=1) / np.sqrt(len(half)))

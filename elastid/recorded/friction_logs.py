@@ -19,15 +19,19 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, FrictionRecords
-from elastid.recorded.channels import gather_channels
-from elastid.recorded.link_side import disturbances, to_joints
-from elastid.recorded.repair import Log
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.recorded.channels import GatheredChannels, gather_channels
+from elastid.recorded.files.formats import read_channels
+from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
+from elastid.recorded.repair import Log, Repaired
 from elastid.recorded.repair.converter import step
 from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.repair.spikes import despiked_without_period
+from elastid.recorded.rig import repaired_signals
+from elastid.recorded.warm_up_logs import Heat, heat_of, tests_in, warm_up_log
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
@@ -60,20 +64,31 @@ def read_friction_logs(
     """
     recorded = spec.as_recorded()
     postures = {posture.name: posture for posture in checked_configurations(spec, robot)}
-    records: list[FrictionRecord] = []
-    start_s = 0.0
+    records, heated, start_s = list[FrictionRecord](), dict[str, list[tuple[FrictionRecord, Heat, FileSpec]]](), 0.0
+    notes = list[Note]()
     for name, file in zip(recorded.log_names, recorded.files, strict=True):
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
-        payload = payloads.get(file.load, 0.0)
+        payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
         of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
         if not any(record.joint in joints for record in of_log):
             raise DataError(
                 f"{base / file.path}: none of the joints {', '.join(joints)} moves in it; correct friction.joints, or "
                 "leave the file out"
             )
-        records += of_log
         start_s += max(record.duration_s for record in of_log)
-    return FrictionRecords(tuple(records))
+        if file.purpose == "warm_up":
+            notes += of_log[0].notes
+            heated.setdefault(of_log[0].joint, []).append((of_log[0], heat_of(of_log[0]), file))
+            joint = next(driven for driven in robot.driven if driven.name == of_log[0].joint)
+            of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
+        records += of_log
+    return FrictionRecords(tuple(records), tuple(_warm_up(parts) for parts in heated.values()), tuple(notes))
+
+
+def _warm_up(parts: Sequence[tuple[FrictionRecord, Heat, FileSpec]]) -> WarmUpLog:
+    logs, heats, files = zip(*parts, strict=True)
+    ambient = next((file.ambient for file in files if file.ambient is not None), None)
+    return warm_up_log(logs, heats, ambient, files[0].temperature)
 
 
 @dataclass(frozen=True)
@@ -96,30 +111,55 @@ class _LogReader:
     def records(self) -> tuple[FrictionRecord, ...]:
         """One record of each joint that moves in the log; StudyError or DataError where none can be made."""
         channels = self._channels()
-        recorded = replace(self.recorded, channels=channels)
+        recorded = replace(self.recorded, channels=tuple(c for c in channels if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
             raise StudyError(f"{self.path}: friction needs velocities; give recorded.rate_hz in Hz, not unknown")
-        signals = gathered.signals @ to_joints(gathered.channels, self.robot).T
         log = Log(self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first)
-        repaired = bridged_gaps(signals, log)
-        torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
-        of_torques = replace(log, names=tuple(log.names[i] for i in torques))
-        clean = despiked_without_period(repaired.signals[:, torques], of_torques)
-        values = repaired.signals.copy()
-        values[:, torques] = clean.signals
+        repaired, N, rate_hz = self._repaired(gathered, recorded, log)
+        values = repaired.signals @ to_joints(gathered.channels, self.robot).T
         notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
-        findings = (*gathered.findings, *repaired.findings, *clean.findings)
+        findings = (*gathered.findings, *repaired.findings)
         notes += [finding.note(f"record {self.name}") for finding in findings]
-        of_motors = [gathered.channels[i].at for i in torques]
+        of_motors = [c.at for c in gathered.channels if c.role == "u"]
         known = disturbances(gathered.channels, values, of_motors)
-        values[:, torques] += known
-        by_place: Signals = {
+        values[:, [i for i, c in enumerate(gathered.channels) if c.role == "u"]] += known
+        by_place: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
-        acting = {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
-        return self._of_joints({**by_place, **acting}, gathered.rate_hz, tuple(notes))
+        by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        for channel in channels:
+            if channel.role == "t":
+                by_place["t", channel.at, ""] = self._thermometer(channel, np.arange(len(values)) / rate_hz)
+        return self._of_joints(by_place, rate_hz, N, tuple(notes))
+
+    def _repaired(
+        self, gathered: GatheredChannels, recorded: RecordedSpec, log: Log
+    ) -> tuple[Repaired, int | None, float]:
+        """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
+        if self.file.purpose == "at_rest":
+            self._check_at_rest(gathered)
+            roles = {role: [i for i, c in enumerate(gathered.channels) if c.role == role] for role in ("r", "u", "y")}
+            return repaired_signals(gathered, roles, recorded, log)
+        bridged = bridged_gaps(gathered.signals, log)
+        torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
+        of_torques = replace(log, names=tuple(log.names[i] for i in torques))
+        clean = despiked_without_period(bridged.signals[:, torques], of_torques)
+        signals = bridged.signals.copy()
+        signals[:, torques] = clean.signals
+        return Repaired(signals, (*bridged.findings, *clean.findings)), None, gathered.rate_hz
+
+    def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
+        """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
+        path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
+        rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
+        values = read_channels(path, [channel], self.recorded.text)
+        check_values([channel], [values[:, 0]], path)
+        degc, _ = link_side(channel, values[:, 0], self.robot)
+        read = np.flatnonzero(np.isfinite(degc))
+        first = 0 if self.file.samples is None or channel.file > 1 else self.file.samples[0]
+        return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         names = [joint.name for joint in self.robot.driven]
@@ -129,19 +169,16 @@ class _LogReader:
             raise StudyError(f"file {self.file.path}: {did_you_mean(self.file.joint, names)}")
         return tuple(c for c in self.recorded.channels if _joint_of(c) == self.file.joint)
 
-    def _of_joints(self, signals: Signals, rate_hz: float, notes: tuple[Note, ...]) -> tuple[FrictionRecord, ...]:
+    def _of_joints(
+        self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
+    ) -> tuple[FrictionRecord, ...]:
         """The notes are those of the first record."""
         positions = {
             joint.name: position
             for joint in self.robot.driven
             if (position := _signal(signals, "y", joint.name, "position")) is not None
         }
-        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
-        if not moving:
-            raise DataError(
-                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
-                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
-            )
+        moving = self._moving(positions, signals)
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
@@ -166,8 +203,10 @@ class _LogReader:
                 load_torque=carried.get(joint.name, 0.0),
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds[joint.name] == "zero-order" else 0.0,
+                period_samples=period,
                 hold=holds[joint.name],
-                resolution=step(positions[joint.name]),
+                # Of loops that end by sliding values hardly repeat; three times the log they do.
+                resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "loops" else 1)),
                 start_s=self.start_s,
                 configuration=posture,
                 place=self.path,
@@ -176,6 +215,20 @@ class _LogReader:
             )
             for joint in moving
         )
+
+    def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
+        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
+        if not moving:
+            raise DataError(
+                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
+                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
+            )
+        if self.file.purpose == "warm_up" and len(moving) > 1:
+            raise DataError(
+                f"{self.path}: joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
+                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
+            )
+        return moving
 
     def _load_torques(self, posture: Configuration) -> Mapping[str, float]:
         """|torque| (Nm, N) that holds each driven joint at rest, the payload at the last frame."""
@@ -194,13 +247,27 @@ class _LogReader:
                 f"{self.path}: joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
                 f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit"
             )
-        held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
-        return joint.name == self.file.joint or travel > held
+        return self.file.purpose in STILL or joint.name == self.file.joint or travel > self._held(joint)
+
+    def _held(self, joint: Joint) -> float:
+        return LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+
+    def _check_at_rest(self, gathered: GatheredChannels) -> None:
+        """DataError for a joint that slides."""
+        for channel, signal in zip(gathered.channels, gathered.signals.T, strict=True):
+            joint = next((joint for joint in self.robot.driven if joint.name == _joint_of(channel)), None)
+            travel = float(np.nanmax(signal) - np.nanmin(signal))
+            if joint is not None and channel.quantity == "position" and travel > self._held(joint):
+                raise DataError(
+                    f"{self.path}: joint {joint.name} travels {travel:.3g} {joint.unit}, more than contacts bend: "
+                    "it slides, and is not at rest; take purpose: motion or loops, or lower the torque"
+                )
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
         if degrees is None:
-            return None if self.file.temperature is None else np.full(n, float(self.file.temperature))
+            is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
+            return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
         low, high = float(degrees.min()), float(degrees.max())
         if high > LIMITS.hot_degc:
             is_impossible = high > LIMITS.impossible_degc

@@ -105,7 +105,7 @@ class RecordedRig:
         places = [channel.at for channel in channels]
         # r in the order of the inputs that it acts on.
         roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
-        repaired, N, rate_hz = _repaired(gathered, roles, recorded, log, is_one_of_several)
+        repaired, N, rate_hz = repaired_signals(gathered, roles, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -147,12 +147,12 @@ class RecordedRig:
         )
 
 
-def _repaired(
+def repaired_signals(
     gathered: GatheredChannels,
     roles: Mapping[str, Sequence[int]],
     recorded: RecordedSpec,
     log: Log,
-    is_one_of_several: bool,
+    is_one_of_several: bool = False,
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave = gathered.period, recorded.half_wave

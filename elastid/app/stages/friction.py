@@ -237,7 +237,7 @@ def _level_words(joint: JointLevels) -> str:
         error = joint.motion.chosen.relative_error
         parts.append(f"a motion, {error:.1%} of whose torque inertia, gravity and friction leave")
         parts.append(joint.motion.seconds_words)
-    return ", ".join(parts)
+    return ", ".join(parts) or "no log in which it slides"
 
 
 _PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}

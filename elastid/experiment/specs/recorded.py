@@ -113,17 +113,25 @@ class FileSpec:
         "from that of the others.", "for one file whose clock drifted, instead of its period in s.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every one whose torque and position are logged "
         "and that moves).", "where several joints move and only one is to be identified from this log.")] = ""
-    purpose: Annotated[Literal["motion", "loops", "run_down"], Key("Purpose of the motion: passes and any other "
-        "motion, loops of growing torque before the joint slides, or run_down: the joint coasts one way until it "
-        "stands, its drive off or its torque known, and friction is what the inertia of the robot's file does not "
-        "explain.", "loops for logs that reverse before they break away; plateaus are not looked for there; run_down "
-        "where an axis cannot be driven there and back, such as a spindle.")] = "motion"
+    purpose: Annotated[Literal["motion", "loops", "at_rest", "warm_up", "run_down"], Key("Purpose of the log: passes "
+        "and any other motion; `loops` of growing torque before the joint slides; `at_rest`, a small multisine or noise "
+        "at standstill; `warm_up`, a joint that moves to and fro until it is warm; `run_down`, one that coasts one way "
+        "until it stands, its drive off or its torque known.", "`loops` gives friction before sliding, `at_rest` "
+        "stiffness and damping of the bristles, `warm_up` the time constants of heat, `run_down` friction relative to a "
+        "known inertia, as of a spindle; plateaus are looked for in motions and warm-ups.")] = "motion"
+    start: Annotated[Time | None, Key("Time at which the log of a study of friction starts, from the start of the "
+        "first one (default: where the one before ends).", "for logs of one warm-up with pauses between them, in "
+        "which the joint cools.")] = None
+    ambient: Annotated[Temperature | None, Key("Temperature of the room during a warm-up (default: that of the joint "
+        "at its start).", "where the joint was still warm when the log began; heat given off is wrong without "
+        "it.")] = None
     speed: Annotated[JointVelocity | None, Key("Speed of the passes in the file (default: plateaus are found at any "
         "speed).", "where plateaus of several speeds lie close together, or noise makes the finder take a wrong "
         "one.")] = None
     load: Annotated[str, Key("Name of one of friction.loads.", "name it in every log of a study with loads; logs "
         "without it count as the robot alone.")] = ""
-    temperature: Annotated[Temperature | None, Key("Temperature of the joint, where no channel of role t has it.",
+    temperature: Annotated[Temperature | None, Key("Temperature of the joint, of a warm-up at its start, where no "
+        "channel of role t has it.",
         "a hand thermometer's reading; two of them let friction depend on temperature, three over more than 20 K show "
         "how.")] = None
     # fmt: on

@@ -291,7 +291,7 @@ def friction_warm_up(
 
 
 def _draw_tests(axes: Axes, warm_up: WarmUp, model: ThermalModel, level_of: LevelOf | None, unit: str) -> None:
-    is_predicted = model.scale == "relative" or level_of is not None
+    is_predicted = len(model.series) > 0 or level_of is not None
     predicted = model.levels(warm_up, level_of) if is_predicted else None
     minutes = warm_up.time_s[warm_up.tests] / 60
     for i, speed in enumerate(np.unique(warm_up.test_speed).tolist()):

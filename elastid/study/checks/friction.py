@@ -159,6 +159,17 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
         yield Problem((*path, "joint"), message)
     if file.load and file.load not in loads:
         yield unknown((*path, "load"), "load", file.load, loads)
-    if study.experiment.as_recorded().period_of(file) is not None:
-        message = "passes and loops of friction are evaluated without a period; leave period and period_samples out"
+    recorded = study.experiment.as_recorded()
+    if file.purpose != "at_rest" and recorded.period_of(file) is not None:
+        message = (
+            "passes and loops of friction are evaluated without a period; leave period and period_samples out, or give "
+            "them with the files of purpose at_rest alone"
+        )
         yield Problem(path, message)
+    logged = sorted({channel.at for channel in recorded.channels if channel.role == "u"})
+    if file.purpose in ("loops", "at_rest") and not file.joint and len(logged) > 1:
+        message = f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited"
+        yield Problem((*path, "purpose"), message)
+    if file.ambient is not None and file.purpose != "warm_up":
+        message = "the room's temperature is that of a warm-up; take temperature for that of the joint, or leave it out"
+        yield Problem((*path, "ambient"), message)

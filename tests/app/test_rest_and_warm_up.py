@@ -1,0 +1,200 @@
+"""Logs at rest, of slow loops and of warm-ups through a whole study: numbers, page and refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants import lugre_rig, warm_rig
+
+from elastid.app.console import Console
+from elastid.app.run import Run, run_all, run_stage
+from elastid.base.errors import DataError, FitError, StudyError
+from elastid.friction_study.result import FrictionNumber, FrictionResult
+from elastid.store.friction_study import read_friction_result
+from elastid.study import load
+
+STUDY = """
+name: logs
+robot: robot.yml
+friction: {{joints: [1], law: {{presliding: {presliding}, temperature: no}}}}
+experiment:
+  recorded:
+    rate_hz: {rate}
+    hold: {hold}
+    channels:
+      - {{role: u, at: motor 1, channel: torque}}
+      - {{role: y, at: motor 1, channel: angle, quantity: position}}
+{thermometer}
+    files:
+{files}
+report: {{formats: [png]}}
+"""
+THERMOMETER = "      - {role: t, at: joint 1, channel: temperature, quantity: temperature}"
+RIGID = """
+name: warm axis
+gravity: [0, 0, -9.81]
+bodies:
+  - name: arm
+    joints: [{name: 1, axis: y, motor: {inertia: 1e-3, ratio: 100}}]
+    mass: 10
+    center_of_mass: [0.6, 0, 0]
+    inertia: 1.4
+"""
+
+
+def study(folder: Path, *files: str, robot: str = lugre_rig.ROBOT, **keys: object) -> Run:
+    defaults = {"rate": 1000, "hold": "zero-order", "presliding": "auto", "thermometer": ""}
+    listed = "\n".join(f"      - {file}" for file in files)
+    (folder / "robot.yml").write_text(robot)
+    (folder / "study.yml").write_text(STUDY.format(**(defaults | keys), files=listed))
+    return Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
+
+
+def result_of(run: Run) -> FrictionResult:
+    run_all(run)
+    return read_friction_result(run.folder / "friction.h5")
+
+
+def numbers(result: FrictionResult) -> dict[str, FrictionNumber]:
+    return {number.name: number for number in result.numbers}
+
+
+def holds(number: FrictionNumber, truth: float, stds: float = 3.3) -> bool:
+    return abs(number.value - truth) < stds * number.std
+
+
+@pytest.mark.parametrize("kind", ["multisine", "noise"])
+def test_bristles_from_logs_at_rest_alone(kind: str, tmp_path: Path) -> None:
+    """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
+    rng = np.random.default_rng(3)
+    for name, size in (("small", 1.0), ("large", 2.0)):
+        torque = lugre_rig.multisine(size, rng) if kind == "multisine" else lugre_rig.noise(size / 3, rng, 15.0)
+        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", torque, rng)
+    period = ", period: 2 s" if kind == "multisine" else ""
+    files = [f"{{path: {name}.csv, purpose: at_rest{period}}}" for name in ("small", "large")]
+    found = numbers(result_of(study(tmp_path, *files)))
+    for name, truth, error in (("s0_m1", lugre_rig.SIGMA_0, 0.01), ("s1_m1", lugre_rig.SIGMA_1, 0.1)):
+        assert found[name].std < error * truth
+        # Without a log that slides viscous friction is not known, and is in the damping.
+        assert holds(found[name], truth + (lugre_rig.VISCOUS if name == "s1_m1" else 0.0))
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["status"] == "partly"
+    assert "stiffness and damping of the bristles at rest" in (tmp_path / "run" / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_lugre_from_slow_loops_with_dither(tmp_path: Path) -> None:
+    """Passes, a log at rest and loops: the law has bristles within 5 %."""
+    rng = np.random.default_rng(4)
+    q, u = lugre_rig.passes(rng)
+    lugre_rig.write_rest_log(tmp_path / "passes.csv", u, rng, q)
+    lugre_rig.write_rest_log(tmp_path / "loops.csv", lugre_rig.slow_loops(rng), rng)
+    run = study(tmp_path, "{path: passes.csv}", "{path: loops.csv, purpose: loops}", presliding="lugre")
+    joint = result_of(run).at("1")
+    assert not [note for note in joint.notes if note.code == "no-bristles"]
+    assert joint.bristles is not None
+    assert joint.bristles.values["sigma_0"] == pytest.approx(lugre_rig.SIGMA_0, rel=0.05)
+    assert joint.bristles.values["sigma_1"] == pytest.approx(lugre_rig.SIGMA_1, rel=0.15)
+    assert joint.friction is not None
+    assert joint.friction.lugre is not None
+
+
+def warm(folder: Path, log: warm_rig.WarmLog, *files: str, thermometer: bool = True) -> Run:
+    """The study of a warm-up; without files its log alone."""
+    warm_rig.write_warm_log(folder / "warm.csv", log, thermometer)
+    listed, channel = files or ("{path: warm.csv, purpose: warm_up}",), THERMOMETER if thermometer else ""
+    rate = log.rate_hz
+    return study(folder, *listed, robot=RIGID, rate=rate, hold="band-limited", thermometer=channel)
+
+
+def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
+    """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
+    joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0, 25.0))).at("1")
+    assert joint.thermal is not None
+    assert joint.warm_up is not None
+    assert joint.thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
+    assert joint.thermal.shares[1] < 0
+    assert len(joint.warm_up.power) == 360
+    assert len(np.unique(joint.warm_up.test_speed)) == 2
+    assert joint.levels is not None
+    assert {"Tc1_m1", "Tc2_m1", "h_m1"} <= {number.name for number in joint.numbers}
+    assert "warm-up: power, temperature" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> None:
+    """The first half hour, then after the pause of ten minutes, not logged, the next twenty: as if it had been."""
+    log = warm_rig.warm_log(1.0, 25.0)
+    n, m = (round(minutes * 60 * log.rate_hz) for minutes in (30, 40))
+    files = (
+        f"{{path: warm.csv, purpose: warm_up, samples: [0, {n}]}}",
+        f"{{path: warm.csv, purpose: warm_up, samples: [{m}, {len(log.torque)}], start: 40 min}}",
+    )
+    thermal = result_of(warm(tmp_path, log, *files)).at("1").thermal
+    assert thermal is not None
+    assert thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
+
+
+def test_a_warm_up_without_a_thermometer_has_its_time_constants(tmp_path: Path) -> None:
+    """By the levels of its test passes: kelvins are not known, the slowest constant is to a fifth."""
+    joint = result_of(warm(tmp_path, warm_rig.warm_log(2.0, 25.0), thermometer=False)).at("1")
+    assert joint.thermal is not None
+    assert joint.thermal.scale == "relative"
+    assert max(joint.thermal.time_constants) == pytest.approx(1965.0, rel=0.2)
+
+
+def still(log: warm_rig.WarmLog) -> warm_rig.WarmLog:
+    return replace(log, position=1e-4 * log.position)
+
+
+FAULTS: dict[str, tuple[Callable[[warm_rig.WarmLog], warm_rig.WarmLog], str, str]] = {
+    "kelvin": (lambda log: replace(log, thermometer=log.thermometer + 273.15), "", "give that channel unit: K"),
+    "constant": (lambda log: replace(log, thermometer=0 * log.thermometer), "", "reads 0 degC throughout, while"),
+    "short": (lambda log: log, "samples: [0, 5000]", "200 s are no warm-up"),
+    "one way": (
+        lambda log: replace(log, position=np.linspace(0, 9, len(log.position))), "", "never returns, so that the work",
+    ),
+    "sign": (lambda log: replace(log, torque=-log.torque), "", "friction would drive the joint; correct the sign"),
+    "still": (still, "", "no joint moves in it"),
+    "at rest": (lambda log: log, "purpose: at_rest", "it slides, and is not at rest; take purpose: motion or loops"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_logs_that_do_not_fit_their_purpose_have_their_message(fault: str, tmp_path: Path) -> None:
+    spoilt, keys, words = FAULTS[fault]
+    purpose = keys if keys.startswith("purpose") else f"purpose: warm_up{', ' * bool(keys)}{keys}"
+    run = warm(tmp_path, spoilt(warm_rig.warm_log(0.3, 25.0)), f"{{path: warm.csv, {purpose}}}")
+    with pytest.raises(DataError) as error:
+        run_stage(run, "measure")
+    assert words in str(error.value)
+
+
+def test_nothing_that_moves_at_rest_and_loops_without_a_way_back_are_refused(tmp_path: Path) -> None:
+    """No count of the encoder; a torque that grows one way."""
+    rng = np.random.default_rng(5)
+    lugre_rig.write_rest_log(tmp_path / "rest.csv", lugre_rig.noise(1e-3, rng, 4.0), rng, 2e-6 * rng.random(4000))
+    with pytest.raises(FitError, match="counts of its encoder; a response takes 3: raise the torque"):
+        run_all(study(tmp_path, "{path: rest.csv, purpose: at_rest}"))
+    ramp = np.linspace(0.0, 20.0, 4000)
+    lugre_rig.write_rest_log(tmp_path / "loops.csv", ramp, rng, ramp / lugre_rig.SIGMA_0)
+    with pytest.raises(DataError, match="its torque never reverses"):
+        run_all(study(tmp_path, "{path: loops.csv, purpose: loops}"))
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("{path: a.csv, purpose: warm_up, period: 2 s}", "evaluated without a period; leave period"),
+        ("{path: a.csv, ambient: 20 degC}", "the room's temperature is that of a warm-up"),
+        ("{path: a.csv, purpose: resting}", "purpose"),
+    ],
+)
+def test_keys_that_do_not_fit_a_purpose_are_refused(file: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("torque,angle\n0,0\n")
+    with pytest.raises(StudyError, match=words):
+        study(tmp_path, file)
