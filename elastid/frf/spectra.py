@@ -229,14 +229,14 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
     """
     L, P = record.repeat_samples, record.n_repeats
-    x = record.y[: P * L]
     # Averages over a fiftieth of a period suppress encoder noise, and the drift is straight over it.
     window = max(1, round(1 / 50 / 2 * L))
     sign = -1.0 if record.half_wave else 1.0
     gain = np.empty((P, int(drifts.sum())))
     for p in range(P):
         first, last = max(0, p * L - window), min(p * L + window + 1, (P - 1) * L)
-        gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
+        start, end = record.y[first:last].mean(axis=0), record.y[first + L : last + L].mean(axis=0)
+        gain[p] = (end - sign * start)[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
         gain -= 2 * record.y[: P // 2 * 2 * L].mean(axis=0)[drifts]
