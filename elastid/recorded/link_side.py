@@ -48,9 +48,10 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
 
 def converted(channel: ChannelSpec, values: FloatArray, robot: Places) -> FloatArray:
     """The same signal where no angle starts again."""
-    signal = values * _own_side_factor(channel, robot) + channel.offset
-    signal *= _gear_factor(channel, robot)
-    return signal
+    own, gear = _own_side_factor(channel, robot), _gear_factor(channel, robot)
+    signal = values * own if own != 1 else values
+    signal = signal + channel.offset if channel.offset != 0 else signal
+    return signal * gear if gear != 1 else signal
 
 
 def largest_jump(channel: ChannelSpec, robot: Places) -> float:

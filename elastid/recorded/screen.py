@@ -106,9 +106,9 @@ def screen(
     jumps: Sequence[float],
 ) -> Screen:
     """The screen of a log from the columns (n,) of its first piece."""
-    if repetition is not None and len(columns[0]) > 2 * repetition[0]:
-        # The first repetition may hold the start from rest.
-        columns = [x[repetition[0] :] for x in columns]
+    if repetition is not None and len(columns[0]) > 3 * repetition[0]:
+        # The first repetition may hold the start from rest; the sign of half a wave stays with two.
+        columns = [x[(3 - repetition[1]) // 2 * repetition[0] :] for x in columns]
     moving = [bool(np.any(x != x[0])) for x in columns]
     levels = tuple(np.nan if moves else float(x[0]) for x, moves in zip(columns, moving, strict=True))
     first = tuple(

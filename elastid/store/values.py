@@ -101,7 +101,8 @@ def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, ab
         dataset = group.create_dataset(name, value.shape, value.dtype)
         rows = max(1, PIECE_VALUES * len(value) // value.size)
         for first in range(0, len(value), rows):
-            dataset[first : first + rows] = value[first : first + rows]
+            last = min(len(value), first + rows)
+            dataset[first:last] = value.rows(first, last) if isinstance(value, LargeArray) else value[first:last]
             release(value)
     return _described(dataset, name, label, above)
 

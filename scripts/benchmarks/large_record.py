@@ -99,12 +99,10 @@ def noise(rng: np.random.Generator) -> Iterator[np.ndarray]:
         yield signals
 
 
-def write_log(
-    path: Path, size: int, channels: int, pieces: Iterator[np.ndarray], dtype: np.dtype = np.dtype(np.float32)
-) -> int:
+def write_log(path: Path, size: int, channels: int, pieces: Iterator[np.ndarray], dtype: str = "float32") -> int:
     """The log, piece by piece; its samples."""
     rng = np.random.default_rng(1)
-    count = size // (dtype.itemsize * channels * N)
+    count = size // (np.dtype(dtype).itemsize * channels * N)
     names = ["torque", "motor", "load", *(f"other_{i}" for i in range(channels - 3))]
     with h5py.File(path, "w") as file:
         datasets = [file.create_dataset(name, (count * N,), dtype=dtype) for name in names]

@@ -9,8 +9,8 @@ precision.
 Time: CPU and wall clock of `python -m elastid measure --jobs 1`, a process of its own, over those of another one that
 reads the same channels with h5py; both from the disk (pages dropped before) and, for the CPU time, from memory. Rate:
 CPU time per value less that of a log of a tenth of the size, so that starting Python does not count.
-Bytes: records.h5, and all that the process wrote to the disk, over the bytes of the channels asked for. Memory: ru_maxrss of
-the process.
+Bytes: records.h5, and all that the process wrote to the disk, over the bytes of the channels asked for. Memory:
+ru_maxrss of the process.
 The last line is one JSON object with the numbers.
 """
 
@@ -68,9 +68,9 @@ def prepare(folder: Path, case: str, size: int, channels: int) -> int:
     folder.mkdir()
     (folder / "study.yml").write_text(study)
     (folder / "robot.yml").write_text(ROBOT)
-    dtype = np.dtype(np.float64 if case == "double" else np.float32)
+    dtype = "float64" if case == "double" else "float32"
     signals = noise(rng) if case == "noise" else repeating(rng)
-    return ASKED * dtype.itemsize * write_log(folder / "log.h5", size, channels, signals, dtype)
+    return ASKED * np.dtype(dtype).itemsize * write_log(folder / "log.h5", size, channels, signals, dtype)
 
 
 def figures(folder: Path, case: str, size: int, channels: int) -> dict[str, float]:
