@@ -98,6 +98,7 @@ class Record:
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
+    The signals of a large record are `base.arrays.LargeArray`: x[a:b] reads these samples.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """

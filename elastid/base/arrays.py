@@ -149,11 +149,9 @@ class LargeArray:
 
     def __getitem__(self, index: Any) -> Any:
         part, *columns = index if isinstance(index, tuple) else (index,)
-        if not isinstance(part, slice):
+        if not isinstance(part, slice) or (part.step or 1) < 0:
             return np.asarray(self)[index]
         first, last, step = part.indices(len(self))
-        if step < 0:
-            return np.asarray(self)[index]
         rows = np.asarray(self.rows(first, max(first, last)), dtype=np.float64)
         return rows[(slice(None, None, step), *columns)]
 
@@ -179,10 +177,13 @@ def release(array: FloatArray | LargeArray) -> None:
         pages.madvise(mmap.MADV_DONTNEED)
 
 
-def read_only(array: FloatArray) -> FloatArray:
-    """The same array, which can no longer be written to."""
-    array.flags.writeable = False
-    return array
+def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
+    """The mean (c,) of the first n rows."""
+    if not isinstance(array, LargeArray):
+        return np.asarray(array[:n].mean(axis=0))
+    step = max(1, PIECE_VALUES // array.shape[1])
+    total = sum(array[first : min(n, first + step)].sum(axis=0) for first in range(0, n, step))
+    return np.asarray(total / n)
 
 
 def mapped(path: Path, dataset: Any) -> FloatArray | None:

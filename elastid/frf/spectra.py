@@ -14,7 +14,16 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import MIN_LARGE_VALUES, PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import (
+    MIN_LARGE_VALUES,
+    PIECE_VALUES,
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    mean_of_rows,
+    release,
+)
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
@@ -69,7 +78,7 @@ class RecordSpectra:
         if not record.half_wave:
             return np.asarray(rfft(blocks, axis=1))
         # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
-        blocks = blocks - signals[: record.n_repeats // 2 * 2 * L].mean(axis=0)
+        blocks = blocks - mean_of_rows(signals, record.n_repeats // 2 * 2 * L)
         halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
         halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
@@ -239,7 +248,7 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
         gain[p] = (end - sign * start)[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
-        gain -= 2 * record.y[: P // 2 * 2 * L].mean(axis=0)[drifts]
+        gain -= 2 * mean_of_rows(record.y, P // 2 * 2 * L)[drifts]
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     return (sign ** np.arange(P))[:, None] * gain, ramp
 

@@ -62,13 +62,13 @@ class _Repaired:
 
     def rows(self, log: LargeLog, role: str, wanted: Sequence[int], first: int, last: int) -> NDArray[Any]:
         """Rows of one role: those of the log, but for the pieces that were repaired."""
-        kept = self.signals[role]
-        rows = log.rows(wanted, kept.dtype, first, last)
+        signal = self.signals[role]
+        rows = log.rows(wanted, signal.dtype, first, last)
         for start, end in self.bounds:
             part = slice(max(start, first), min(end, last))
             if part.start < part.stop:
-                rows[part.start - first : part.stop - first] = kept[part]
-        arrays.release(kept)
+                rows[part.start - first : part.stop - first] = signal[part]
+        arrays.release(signal)
         return rows
 
 
@@ -83,11 +83,11 @@ def joined(
     measure: the record of the samples from a first to before a last one.  roles: the columns of r, u and y.
     """
     first, n = measure(*bounds[0]), bounds[-1][1]
-    used = {role: columns for role, columns in roles.items() if columns}
-    dtypes = log.dtypes(list(used.values()))
+    wanted = {role: columns for role, columns in roles.items() if columns}
+    dtypes = log.dtypes(list(wanted.values()))
     signals = {
         role: arrays.empty_in_file((n, len(columns)), dtype)
-        for (role, columns), dtype in zip(used.items(), dtypes, strict=True)
+        for (role, columns), dtype in zip(wanted.items(), dtypes, strict=True)
     }
     notes: dict[Note, None] = {}
     repairs: Counter[str] = Counter()
@@ -107,7 +107,7 @@ def joined(
     rows = _Repaired(tuple(repaired), signals).rows
     large = {
         role: LargeArray((n, len(columns)), signals[role].dtype, partial(rows, log, role, columns))
-        for role, columns in used.items()
+        for role, columns in wanted.items()
     }
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
@@ -145,7 +145,7 @@ def _driver(record: Record) -> FloatArray:
 def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
     if first is None:
-        # An angle that lost its turns in one piece does not go on in the next.
+        # An angle whose turns were taken out of one piece does not continue in the next.
         return all(note.code != UNWRAPPED for note in part.notes)
     if {RESAMPLED, DROPPED, DOUBLED} & set(part.repairs):
         return False

@@ -173,11 +173,11 @@ def _is_in_step(now: Repetitions, first: Repetitions) -> bool:
     if not float(now.power.max()) <= SCREEN.max_power_ratio * noise:
         return False
     steepness = float(first.slope @ first.slope)
-    away = now.m - first.m
-    lag = float(away @ first.slope) / steepness
-    left = float(away @ away) - lag**2 * steepness
+    difference = now.m - first.m
+    lag = float(difference @ first.slope) / steepness
+    remainder = float(difference @ difference) - lag**2 * steepness
     P = len(now.e)
-    if abs(lag) > SCREEN.max_lag or left > 4 * SCREEN.max_power_ratio * noise / min(P, len(first.e)):
+    if abs(lag) > SCREEN.max_lag or remainder > 4 * SCREEN.max_power_ratio * noise / min(P, len(first.e)):
         return False
     lags = now.e @ first.slope / steepness
     growth = abs(float(np.polyfit(np.arange(P), lags, 1)[0])) * P

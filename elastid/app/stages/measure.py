@@ -61,10 +61,10 @@ def measure_parts(
     remove_leftovers(work.parts)
     files = {part.name: work.parts / f"{part.name}.h5" for part in parts if not is_large(part)}
     stamps = {name: read_stamp(path) for name, path in files.items()}
-    kept = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
-    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in kept]
-    if kept:
-        work.console.say(f"measure: resumed, {len(kept)} of {len(parts)} {noun} are kept")
+    finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
+    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in finished]
+    if finished:
+        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} are kept")
     with work.execution() as execution:
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
