@@ -14,17 +14,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import (
-    MIN_LARGE_VALUES,
-    PIECE_VALUES,
-    ComplexArray,
-    FloatArray,
-    empty_in_file,
-    frozen,
-    frozen_value,
-    labelled,
-    release,
-)
+from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.note import Note
 from elastid.base.units import of_translation
@@ -109,6 +99,7 @@ class Record:
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
     starts: repetitions, counted from 0, with which further logs of the same excitation start.
+    The signals of a large record are `base.arrays.LargeArray`: x[a:b] reads these samples.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """
@@ -193,16 +184,8 @@ class Record:
 
     @property
     def time_s(self) -> FloatArray:
-        """The times (n_samples,) of the samples, from 0 on; those of a large record are kept in a file."""
-        n = self.n_samples
-        if n < MIN_LARGE_VALUES // 8:
-            return np.arange(n) / self.rate_hz
-        times = empty_in_file((n,))
-        for first in range(0, n, PIECE_VALUES):
-            last = min(n, first + PIECE_VALUES)
-            times[first:last] = np.arange(first, last) / self.rate_hz
-            release(times)
-        return times
+        """The times (n_samples,) of the samples, from 0 on."""
+        return np.arange(self.n_samples) / self.rate_hz
 
     @property
     def n_samples(self) -> int:

@@ -15,7 +15,16 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import MIN_LARGE_VALUES, PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import (
+    MIN_LARGE_VALUES,
+    PIECE_VALUES,
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    mean_of_rows,
+    release,
+)
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
@@ -85,7 +94,7 @@ class RecordSpectra:
         if not record.half_wave:
             return np.asarray(rfft(blocks, axis=1))
         # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
-        blocks = blocks - signals[: record.n_repeats // 2 * 2 * L].mean(axis=0)
+        blocks = blocks - mean_of_rows(signals, record.n_repeats // 2 * 2 * L)
         halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
         halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
@@ -245,7 +254,6 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
     """
     L, P = record.repeat_samples, record.n_repeats
-    x = record.y[: P * L]
     # Averages over a fiftieth of a period suppress encoder noise, and the drift is straight over it.
     window = max(1, round(1 / 50 / 2 * L))
     sign = -1.0 if record.half_wave else 1.0
@@ -254,10 +262,11 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     # Of a log of one repetition no drift is known.
     for p, start, end in ((p, a, b) for a, b in logs for p in range(a, b) if b - a > 1):
         first, last = max(start * L, p * L - window), min(p * L + window + 1, (end - 1) * L)
-        gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
+        before, after = (record.y[first + own : last + own].mean(axis=0) for own in (0, L))
+        gain[p] = (after - sign * before)[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
-        gain -= 2 * record.y[: P // 2 * 2 * L].mean(axis=0)[drifts]
+        gain -= 2 * mean_of_rows(record.y, P // 2 * 2 * L)[drifts]
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     return (sign ** np.arange(P))[:, None] * gain, ramp
 

@@ -35,7 +35,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
     signal = values * _own_side_factor(channel, robot) + channel.offset
     turns = 0
-    if channel.quantity == "position" and not robot.slides(channel.at):
+    if _may_turn(channel, robot):
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
@@ -44,6 +44,23 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
     note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
     return signal * _gear_factor(channel, robot), (note,) if turns else ()
+
+
+def converted(channel: ChannelSpec, values: FloatArray, robot: Places) -> FloatArray:
+    """The same signal where no angle starts again."""
+    own, gear = _own_side_factor(channel, robot), _gear_factor(channel, robot)
+    signal = values * own if own != 1 else values
+    signal = signal + channel.offset if channel.offset != 0 else signal
+    return signal * gear if gear != 1 else signal
+
+
+def largest_jump(channel: ChannelSpec, robot: Places) -> float:
+    """The largest change of the file's numbers between two samples for which an angle has not started again."""
+    return np.pi / abs(_own_side_factor(channel, robot)) if _may_turn(channel, robot) else np.inf
+
+
+def _may_turn(channel: ChannelSpec, robot: Places) -> bool:
+    return channel.quantity == "position" and not robot.slides(channel.at)
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:

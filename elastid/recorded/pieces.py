@@ -1,80 +1,135 @@
 """A log that is too large for memory: measured in pieces of whole periods (without one, of any length), in step.
 
-A piece is read, repaired and checked as a log of its own, and its samples go to a file.  Where the pieces are not in
-step (lost samples, a clock that differs, a piece that is refused) the log must be measured as a whole.
+The first piece, and any that does not pass the screen, is read, repaired and checked as a log of its own.  Of the
+others nothing is kept: the record reads them again from the log.  Where the pieces are not in step (lost samples, a
+clock that differs, a piece that is refused) the log must be measured as a whole.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastid.base import arrays
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.note import Note
 from elastid.record import Record
+from elastid.recorded.large_log import LargeLog
 from elastid.recorded.link_side import UNWRAPPED
 from elastid.recorded.repair.clock import CLOCK, RESAMPLED, delay
 from elastid.recorded.repair.missing import DOUBLED, DROPPED
+from elastid.recorded.screen import screen
+
+# A log of fewer values is measured as a whole.
+MIN_VALUES = 1 << 22
+# A median over fewer periods cannot distinguish a spike from a signal.
+_MIN_PERIODS = 8
 
 
 def may_be_large(path: Path) -> bool:
     """True if its signals may be too many for memory: a value takes a byte of the file at least, unless compressed."""
-    return path.stat().st_size >= arrays.MIN_LARGE_VALUES
+    return path.stat().st_size >= MIN_VALUES
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
     """First and last sample of pieces of whole periods N (None: of any length); none where the log fits into memory."""
-    if n * n_channels < arrays.MIN_LARGE_VALUES:
+    if n * n_channels < MIN_VALUES:
         return ()
     if N is None:
         count = -(-n * n_channels // arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
-    # A median over fewer than eight periods cannot distinguish a spike from a signal.
-    periods = max(8, arrays.PIECE_VALUES // (N * n_channels))
-    count = n // N // periods
-    bounds = [i * periods * N for i in range(count)] + [n // N * N]
-    return tuple(pairwise(bounds)) if count > 1 else ()
+    # The first piece, which is repaired in full, is a short one.
+    periods, rest = max(_MIN_PERIODS, arrays.PIECE_VALUES // (N * n_channels)), n // N - _MIN_PERIODS
+    count = max(1, rest // periods)
+    bounds = [0, *((_MIN_PERIODS + i * periods) * N for i in range(count)), n // N * N]
+    return tuple(pairwise(bounds)) if rest >= _MIN_PERIODS else ()
 
 
-def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
-    """The record of all pieces, of so many samples each, its signals in files; None where they are not in step."""
-    record: Record | None = None
-    signals: dict[str, FloatArray] = {}
-    first: FloatArray = np.zeros((0, 0))
+@dataclass(frozen=True)
+class _Repaired:
+    """The pieces (first and last sample) of a log that were repaired; signals: of all pieces by role, in files."""
+
+    bounds: tuple[tuple[int, int], ...]
+    signals: Mapping[str, FloatArray]
+
+    def rows(self, log: LargeLog, role: str, wanted: Sequence[int], first: int, last: int) -> NDArray[Any]:
+        """Rows of one role: those of the log, but for the pieces that were repaired."""
+        signal = self.signals[role]
+        rows = log.rows(wanted, signal.dtype, first, last)
+        for start, end in self.bounds:
+            part = slice(max(start, first), min(end, last))
+            if part.start < part.stop:
+                rows[part.start - first : part.stop - first] = signal[part]
+        arrays.release(signal)
+        return rows
+
+
+def joined(
+    measure: Callable[[int, int], Record],
+    bounds: Sequence[tuple[int, int]],
+    log: LargeLog,
+    roles: Mapping[str, Sequence[int]],
+) -> Record | None:
+    """The record of all pieces, its signals in files; None where they are not in step.
+
+    measure: the record of the samples from a first to before a last one.  roles: the columns of r, u and y.
+    """
+    first, n = measure(*bounds[0]), bounds[-1][1]
+    wanted = {role: columns for role, columns in roles.items() if columns}
+    dtypes = log.dtypes(list(wanted.values()))
+    signals = {
+        role: arrays.empty_in_file((n, len(columns)), dtype)
+        for (role, columns), dtype in zip(wanted.items(), dtypes, strict=True)
+    }
     notes: dict[Note, None] = {}
     repairs: Counter[str] = Counter()
     left_out: list[int] = []
-    done = 0
-    for part, size in zip(parts, sizes, strict=True):
-        driver = part.u if part.r is None else part.r
-        if record is None:
-            record, first = part, _mean_period(driver, part.period_samples) if part.is_periodic else first
-            roles = {role: getattr(part, role) for role in ("u", "y", "r")}
-            shapes = {role: (sum(sizes), x.shape[1]) for role, x in roles.items() if x is not None}
-            signals = {role: arrays.empty_in_file(shape) for role, shape in shapes.items()}
-        # Pieces without a period do not join where an angle lost its turns in one of them.
-        is_unwrapped = any(note.code == UNWRAPPED for note in part.notes)
-        if part.n_samples != size or not (_is_in_step(part, driver, first) if part.is_periodic else not is_unwrapped):
+    repaired: list[tuple[int, int]] = []
+    period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
+    for part, (start, end) in _repaired_pieces(measure, first, bounds, log, roles):
+        if part.n_samples != end - start or not _is_in_step(part, period):
             return None
         for role, signal in signals.items():
-            signal[done : done + size] = getattr(part, role)
+            signal[start:end] = getattr(part, role)
             arrays.release(signal)
         notes |= dict.fromkeys(part.notes)
         repairs.update(part.repairs)
-        left_out += [done // part.repeat_samples + p for p in part.left_out]
-        done += size
-    if record is None:
-        return None
-    in_files = {role: arrays.read_only(signal) for role, signal in signals.items()}
-    period = record.period_samples if record.is_periodic else done
-    record = replace(record, **in_files, period_samples=period)  # type: ignore[arg-type]
+        left_out += [start // part.repeat_samples + p for p in part.left_out]
+        repaired.append((start, end))
+    rows = _Repaired(tuple(repaired), signals).rows
+    large = {
+        role: LargeArray((n, len(columns)), signals[role].dtype, partial(rows, log, role, columns))
+        for role, columns in wanted.items()
+    }
+    period_samples = first.period_samples if first.is_periodic else n
+    record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
     return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
+
+
+def _repaired_pieces(
+    measure: Callable[[int, int], Record],
+    first: Record,
+    bounds: Sequence[tuple[int, int]],
+    log: LargeLog,
+    roles: Mapping[str, Sequence[int]],
+) -> Iterator[tuple[Record, tuple[int, int]]]:
+    """The first piece and those that do not pass the screen, repaired, with their first and last sample."""
+    yield first, bounds[0]
+    repetition = (first.repeat_samples, -1 if first.half_wave else 1) if first.is_periodic else None
+    with log.opened() as file:
+        reference = log.columns(file, *bounds[0])
+        test = screen(reference, repetition, roles["r"] or roles["u"], roles["u"], log.jumps())
+        for piece in bounds[1:]:
+            if not test.passes(log.columns(file, *piece)):
+                yield measure(*piece), piece
 
 
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
@@ -83,10 +138,18 @@ def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
     return (Note("incomplete-period", text, place),) if lost > 0 else ()
 
 
-def _is_in_step(part: Record, driver: FloatArray, first: FloatArray) -> bool:
+def _driver(record: Record) -> FloatArray:
+    return record.u if record.r is None else record.r
+
+
+def _is_in_step(part: Record, first: FloatArray | None) -> bool:
+    """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
+    if first is None:
+        # An angle whose turns were taken out of one piece does not continue in the next.
+        return all(note.code != UNWRAPPED for note in part.notes)
     if {RESAMPLED, DROPPED, DOUBLED} & set(part.repairs):
         return False
-    delays = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(driver, len(first)).T, strict=True)]
+    delays = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(_driver(part), len(first)).T, strict=True)]
     # Pieces in step have excitations that lag that of the first by no more than 5 % of a sample.
     return all(abs(lag) <= 0.05 for lag, correlation in delays if correlation >= CLOCK.min_correlation)
 

@@ -17,6 +17,7 @@ from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
+from elastid.recorded.large_log import LargeLog
 from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, may_be_large, pieces
@@ -60,31 +61,51 @@ class RecordedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
-        run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
-        files, records = [file for file in self._recorded.files if file.run == run], []
+        files, records = self._files(experiment), []
         unusable = "its values cannot be used as a log; look at them with `elastid inspect`"
         for file in files:
             with naming(self.base / file.path, unusable):
-                record = self._in_pieces(experiment, file) or self._as_a_whole(experiment, file, len(files) > 1)
-            records.append(record)
+                record = self._in_pieces(experiment, file) if len(files) == 1 else None
+                records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
+
+    def is_large(self, experiment: Experiment) -> bool:
+        """True if the log of an experiment is measured in pieces, with what its record is made of left in it."""
+        files = self._files(experiment)
+        return len(files) == 1 and bool(self._pieces(files[0]))
+
+    def _files(self, experiment: Experiment) -> list[FileSpec]:
+        """Those of its periods, mostly one."""
+        run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
+        return [file for file in self._recorded.files if file.run == run]
+
+    def _pieces(self, file: FileSpec) -> tuple[tuple[int, int], ...]:
+        """First and last sample, of those that are used, of each piece of a log; none where it is read as a whole."""
+        recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
+        is_mixed = any(channel.rate_hz is not None or channel.role == "d" for channel in recorded.channels)
+        needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
+        if needs_all or not may_be_large(path):
+            return ()
+        n = rows_of(path, recorded.channels, recorded.text) or 0
+        start, end = file.samples or (0, n)
+        is_inside = 0 <= start < end <= n
+        return pieces(end - start, None if period is None else int(period), len(recorded.channels)) if is_inside else ()
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
-        recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
-        several_rates = any(channel.rate_hz is not None for channel in recorded.channels)
-        needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or several_rates
-        if needs_all or not may_be_large(path):
+        bounds = self._pieces(file)
+        if not bounds:
             return None
+        recorded, path = self._recorded, self.base / file.path
         n = rows_of(path, recorded.channels, recorded.text) or 0
         start, end = file.samples or (0, n)
-        if not 0 <= start < end <= n:
-            return None
-        bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
-        cuts = [replace(file, samples=(start + first, start + last)) for first, last in bounds]
+
+        def measured(first: int, last: int) -> Record:
+            return self._as_a_whole(experiment, replace(file, samples=(start + first, start + last)))
+
+        log = LargeLog(path, recorded.text, recorded.channels, self.robot, start)
         try:
-            parts = (self._as_a_whole(experiment, cut) for cut in cuts)
-            record = joined(parts, tuple(last - first for first, last in bounds))
+            record = joined(measured, bounds, log, _columns_of_roles(recorded.channels))
         except DataError:
             # Reading all of it shows if that piece spoils the record.
             return None
@@ -101,10 +122,7 @@ class RecordedRig:
         where += f", {file.path}" if is_one_of_several else ""
         known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first)
-        roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
-        places = [channel.at for channel in channels]
-        # r in the order of the inputs that it acts on.
-        roles["r"].sort(key=lambda i: [places[j] for j in roles["u"]].index(places[i]))
+        roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         repaired, N, rate_hz = repaired_signals(gathered, roles, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
@@ -145,6 +163,13 @@ class RecordedRig:
             sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=input_units(channels, self.robot),
         )
+
+
+def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
+    """The columns of r, u and y; r in the order of the inputs that it acts on."""
+    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
+    roles["r"].sort(key=lambda i: [channels[j].at for j in roles["u"]].index(channels[i].at))
+    return roles
 
 
 def repaired_signals(

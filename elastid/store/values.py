@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, release, unit_of_name
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
 from elastid.base.escape import group_name
 from elastid.store.artefacts import TEXT, Stamp, created
 from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
@@ -80,7 +80,8 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
         dataset = write_value(group, each.name, content, each.annotation, each.label, scopes)
         if dataset is not None:
             scopes[0].axes[each.name] = dataset
-            if each.label.axes:
+            # The times of a large record would take as much room as its signals.
+            if each.label.axes and not isinstance(content, LargeArray):
                 labelled.append((dataset, each.label.axes))
     for dataset, axes in labelled:
         _attach(dataset, axes, scopes)
@@ -94,13 +95,14 @@ def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, ab
 
 
 def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> Any:
-    if not isinstance(value, np.memmap):
+    if not isinstance(value, np.memmap | LargeArray):
         dataset = group.create_dataset(name, data=value)
     else:
         dataset = group.create_dataset(name, value.shape, value.dtype)
         rows = max(1, PIECE_VALUES * len(value) // value.size)
         for first in range(0, len(value), rows):
-            dataset[first : first + rows] = value[first : first + rows]
+            last = min(len(value), first + rows)
+            dataset[first:last] = value.rows(first, last) if isinstance(value, LargeArray) else value[first:last]
             release(value)
     return _described(dataset, name, label, above)
 

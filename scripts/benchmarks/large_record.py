@@ -76,7 +76,8 @@ def repeating(rng: np.random.Generator) -> Iterator[np.ndarray]:
     U = np.exp(2j * np.pi * rng.uniform(size=BAND_LINES))
     spectrum = np.zeros((3, N // 2 + 1), dtype=complex)
     spectrum[:, lines] = [U, motor * U, motor * U * (0.01 * s + 50) / (1e-3 * s**2 + 0.01 * s + 50)]
-    period = np.fft.irfft(spectrum * N / 2, N)
+    # So small that no angle turns.
+    period = 1e-3 * np.fft.irfft(spectrum * N / 2, N)
     while True:
         yield period
 
@@ -98,13 +99,13 @@ def noise(rng: np.random.Generator) -> Iterator[np.ndarray]:
         yield signals
 
 
-def write_log(path: Path, size: int, channels: int, pieces: Iterator[np.ndarray]) -> int:
+def write_log(path: Path, size: int, channels: int, pieces: Iterator[np.ndarray], dtype: str = "float32") -> int:
     """The log, piece by piece; its samples."""
     rng = np.random.default_rng(1)
-    count = size // (4 * channels * N)
+    count = size // (np.dtype(dtype).itemsize * channels * N)
     names = ["torque", "motor", "load", *(f"other_{i}" for i in range(channels - 3))]
     with h5py.File(path, "w") as file:
-        datasets = [file.create_dataset(name, (count * N,), dtype=np.float32) for name in names]
+        datasets = [file.create_dataset(name, (count * N,), dtype=dtype) for name in names]
         for p, signals in enumerate(islice(pieces, count)):
             for i, dataset in enumerate(datasets):
                 signal = signals[i] if i < len(signals) else np.zeros(N)

@@ -31,11 +31,14 @@ def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file
 
 def import_logs(*, places: Places, experiment: ExperimentSpec, files: Path, work: Work) -> Artefacts:
     """records.h5 of the logs that the study names."""
-    return _measure(RecordedRig(places, experiment, files), work)
+    rig = RecordedRig(places, experiment, files)
+    return _measure(rig, work, rig.is_large)
 
 
-def _measure(rig: Rig, work: Work) -> Artefacts:
-    records, report = measure_parts(work, rig.experiments, rig.measure, read_records, write_records, "experiments")
+def _measure(rig: Rig, work: Work, is_large: Callable[[Any], bool] = lambda part: False) -> Artefacts:
+    records, report = measure_parts(
+        work, rig.experiments, rig.measure, read_records, write_records, "experiments", is_large
+    )
     return Artefacts({"records.h5": lambda path, stamp: write_records(path, records, stamp)}, report)
 
 
@@ -46,26 +49,29 @@ def measure_parts(
     read: Callable[[Path], Iterable[R]],
     write: Callable[[Path, Iterable[R], Stamp], None],
     noun: str,
+    is_large: Callable[[Any], bool] = lambda part: False,
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
     """Measure each part, an experiment or motion, into a file of its own; those of an interrupted run are kept.
 
-    A worker writes the record itself: no record travels between processes.
+    A worker writes the record itself: no record travels between processes.  is_large: true of a part whose record goes
+    straight to the result, as it is measured: a file of its own would be written, hashed and read once more.
     Returns the records in the order of the parts, one at a time, and the report on them once they have been gathered.
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    files = [(work.parts / f"{part.name}.h5", part) for part in parts]
-    stamps = [read_stamp(path) for path, _ in files]
-    remaining = [f for f, stamp in zip(files, stamps, strict=True) if stamp is None or not stamp.is_of(work.stamp)]
-    if len(remaining) < len(parts):
-        work.console.say(f"measure: resumed, {len(parts) - len(remaining)} of {len(parts)} {noun} are kept")
+    files = {part.name: work.parts / f"{part.name}.h5" for part in parts if not is_large(part)}
+    stamps = {name: read_stamp(path) for name, path in files.items()}
+    finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
+    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in finished]
+    if finished:
+        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} are kept")
     with work.execution() as execution:
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
 
     def gathered() -> Iterator[R]:
-        for path, _ in files:
-            for record in read(path):
+        for part in parts:
+            for record in read(files[part.name]) if part.name in files else [measure(part)]:
                 notes.extend(record.notes)
                 yield record
 

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
@@ -57,7 +57,13 @@ def is_log(path: Path) -> bool:
 
 def all_formats() -> tuple[Format, ...]:
     """Those of other packages, which know their files better, first; StudyError for one that cannot be loaded."""
-    return (*(_registered(point) for point in entry_points(group="elastid.readers")), *FORMATS)
+    return (*(_registered(point) for point in _points()), *FORMATS)
+
+
+@cache
+def _points() -> tuple[EntryPoint, ...]:
+    """Looked for once: that reads a file of every package installed, and a log may be opened for each of its pieces."""
+    return tuple(entry_points(group="elastid.readers"))
 
 
 def _registered(point: EntryPoint) -> Format:

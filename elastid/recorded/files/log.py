@@ -102,7 +102,7 @@ class ArrayLog:
 
     def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
         """Samples of the channels if each of them can be read in pieces; None otherwise."""
-        arrays = [self._array(channel)[1] for channel in channels]
+        arrays = [self.stored(channel) for channel in channels]
         return min(array.shape[0] for array in arrays) if all(array.has_pieces for array in arrays) else None
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
@@ -110,14 +110,23 @@ class ArrayLog:
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
-        signals = [self._signal(channel, part) for channel in channels]
+        return np.stack(self.columns(channels, part), axis=1)
+
+    def columns(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> list[FloatArray]:
+        """The same, one (n_samples,) for each channel; an array that holds several is read once."""
+        stored: dict[str, FloatArray] = {}
+        signals = [self._signal(channel, part, stored) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise DataError(
                 f"{self.path}: the channels differ in length: {table} samples; all must come from one recording"
             )
-        return np.stack(signals, axis=1)
+        return signals
+
+    def stored(self, channel: ChannelSpec) -> StoredArray:
+        """The array that holds a channel; DataError where it is missing or no signal."""
+        return self._array(channel)[1]
 
     def _array(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
         name, shapes = channel.channel.strip("/"), self.shapes()
@@ -132,13 +141,16 @@ class ArrayLog:
             )
         return name, self.arrays[name]
 
-    def _signal(self, channel: ChannelSpec, part: slice) -> FloatArray:
+    def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
         name, array = self._array(channel)
-        if part != slice(None) and array.rows is not None and array.has_pieces:
-            stored = np.asarray(array.rows(part), dtype=np.float64)
+        is_part = part != slice(None) and array.rows is not None and array.has_pieces
+        if name not in stored:
+            values = array.rows(part) if is_part and array.rows is not None else np.squeeze(np.asarray(array))
+            stored[name] = np.asarray(values, dtype=np.float64)
+        values = stored[name]
+        if is_part:
             # A piece may hold fewer samples than signals.
-            return self._column(channel, name, stored.reshape(len(stored), -1))
-        values = np.squeeze(np.asarray(array, dtype=np.float64))
+            return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
             raise DataError(f"{self.path}: channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.

@@ -89,11 +89,32 @@ def without_stops(
 def _stop_windows(signals: FloatArray, roles: Mapping[str, Sequence[int]], P: int, L: int, width: int) -> BoolArray:
     """Flags (P W,) of the windows that belong to stops."""
     still = np.all(_still(signals, roles["u"], P, L, width), axis=0)
+    if not still.any():
+        return np.asarray(still.ravel())
     still &= np.any(_still(signals, roles["y"], P, L, width), axis=0)
     flat = in_runs(still.ravel(), LIMITS.min_still_windows)
     # A robot that has not started yet does not stop.
     flat[: int(np.argmin(flat))] = False
     return flat
+
+
+def may_stop(torque: FloatArray, L: int) -> bool:
+    """True if a torque (n,) of whole repetitions stands still in enough windows for a stop, long or short."""
+    widths = [max(LIMITS.min_window, L // count) for count in (LIMITS.windows, LIMITS.short_windows)]
+    return any(_may_stop(torque.reshape(-1, L), width) for width in widths if width * LIMITS.min_still_windows <= L)
+
+
+def _may_stop(repetitions: FloatArray, width: int) -> bool:
+    """The same for one width of window, from the power less that of mean and slope."""
+    P, W = len(repetitions), repetitions.shape[1] // width
+    windows = repetitions[:, : W * width].reshape(P, W, width)
+    t = np.linspace(-1.0, 1.0, width)
+    means, slopes = windows.mean(axis=2), windows @ (t / np.linalg.norm(t))
+    power = np.einsum("pwt,pwt->pw", windows, windows) - width * means**2 - slopes**2
+    usual = np.sort(power, axis=0)[-2 if P > 2 else -1]
+    moves = usual > LIMITS.min_moving_share**2 * np.median(usual)
+    still = (power < LIMITS.max_still_share**2 * usual) & moves
+    return bool(in_runs(still.ravel(), LIMITS.min_still_windows).any())
 
 
 def _absent(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: int) -> BoolArray:
