@@ -48,7 +48,7 @@ class EstimatorSpec:
         "`arithmetic` has the least bias in closed loop where realisations can be averaged; a `local` method for one "
         "experiment of all inputs, `errors_in_variables` where input noise is as large as output noise, h1 only where "
         "the input is known exactly, and `auto` where you would rather leave the choice to the "
-        "program.")] = "arithmetic"
+        "program.")] = "auto"
     quantity: Annotated[Motion, Key("Quantity of the responses, into which the outputs are turned exactly, in the "
         "frequency domain.", "`position` or `velocity` for tools that read it; the fit is the same, since the factor "
         "(j omega)^n cancels in the weights.")] = "acceleration"
