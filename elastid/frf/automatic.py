@@ -1,16 +1,20 @@
 r"""Automatic choice of an estimator: the candidate with the smallest stated error.
 
 A wide window averages more noise than a narrow one, without a better response.  So errors count at one resolution B,
-the widest of the candidates; that of a candidate, b, is the spacing of its lines times those that are correlated.
-Relative to |G|, in the mean over lines with input power and over elements:
+the widest of the candidates; that of a candidate, b, is the spacing of its lines times those that are correlated.  At
+each line with input power, relative to |G|,
 
-.. math:: \epsilon^2 = \langle \min(1, \tfrac{\sigma^2}{|G|^2} \min(1, \tfrac{b}{B})) \rangle
-          + \max(0, \langle \min(1, \tfrac{|\Delta|^2}{|G|^2}) - \min(1, \tfrac{\sigma^2 + \sigma_l^2}{|G|^2}) \rangle)
+.. math:: \epsilon^2 = \min\left(1, \frac{\sigma^2}{|G|^2} \min(1, b / B) + \beta^2\right), \quad
+          \beta^2 = \max\left(0, \left\langle \min\left(1, \frac{|\Delta|^2}{|G|^2}\right)
+          - \min\left(1, \frac{\sigma^2 + \sigma_l^2}{|G|^2}\right) \right\rangle\right)
 
-The second mean is for segments alone, whose bias by leakage and by noise in a loop is in no variance: Delta is the
-difference to the local rational method, whose model holds the start from rest, and whose variance sigma_l^2 holds the
-error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias.  A mean over periods has
-a transient in its scatter.  A line with an error as large as G is lost, however large the error.
+and the mean of the roots of epsilon, squared, is the error of the candidate: in their mean square lines beyond the
+excited band would outweigh all others, while their geometric mean would forgive a lost antiresonance.
+
+beta is for segments alone, whose bias by leakage and by noise in a loop is in no variance: Delta is the difference to
+the local rational method, whose model holds the start from rest, and whose variance sigma_l^2 holds the error of its
+model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <> is a mean over neighbouring lines.
+A mean over periods has a transient in its scatter.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.frf.local.response import local_mean
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method
 from elastid.record import Record
@@ -33,7 +38,7 @@ from elastid.response import FrequencyResponse
 class AutomaticLimits:
     """Limits of the choice.
 
-    With them `auto` has at most 1.5 times the error of the best method on ten kinds of record, at 10 to 60 dB
+    With them `auto` has at most 1.5 times the error of the best method on ten kinds of record, at 10 to 50 dB
     (`scripts/studies/automatic_method.py`).
     """
 
@@ -77,7 +82,7 @@ def choose_by_error(
         return chosen("local_rational", f"{method} has {response.n_lines} lines")
     error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
     unit = "Hz" if local.rate_is_known else "of the sampling rate"
-    scale = f"of G (RMS over lines, at a resolution of {resolution:.2g} {unit})"
+    scale = f"of G, averaged over lines at a resolution of {resolution:.2g} {unit}"
     if error_l * margin < error:
         return chosen("local_rational", f"stated error {100 * error_l:.2g} % {scale}, {method} {100 * error:.2g} %")
     missed = f", not {margin:g} times less" if error_l < error else ""
@@ -99,12 +104,17 @@ def stated_errors(response: FrequencyResponse, local: FrequencyResponse, has_bia
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)
 
-    def mean(squares: FloatArray) -> float:
-        return float(np.mean(np.minimum(1.0, squares / np.maximum(power, 1e-300))))
+    def relative(squares: FloatArray) -> FloatArray:
+        return np.minimum(1.0, squares / np.maximum(power, 1e-300))
 
-    bias = max(0.0, mean(np.abs(G - local.G) ** 2) - mean(variance + variance_l)) if has_bias else 0.0
-    of_noise, of_noise_l = mean(variance * min(1.0, b / b_l)), mean(variance_l * min(1.0, b_l / b))
-    return float(np.sqrt(of_noise + bias)), float(np.sqrt(of_noise_l)), max(b, b_l)
+    bias = np.maximum(0.0, local_mean(relative(np.abs(G - local.G) ** 2) - relative(variance + variance_l)))
+    squares = relative(variance * min(1.0, b / b_l)) + (bias if has_bias else 0.0)
+    return _mean_root(squares), _mean_root(relative(variance_l * min(1.0, b_l / b))), max(b, b_l)
+
+
+def _mean_root(squares: FloatArray) -> float:
+    """The square of the mean root of errors, of which 1 counts at most, from their squares."""
+    return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
 
 
 def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -> bool:

@@ -67,7 +67,7 @@ class Limits:
 LIMITS = Limits()
 
 
-def _local_mean(x: FloatArray) -> FloatArray:
+def local_mean(x: FloatArray) -> FloatArray:
     """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
     F = len(x)
     total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
@@ -201,7 +201,7 @@ def _with_model_error(
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)
         ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
-        g = _local_mean(ratio)
+        g = local_mean(ratio)
         error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
     relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
     factor = np.sqrt(1 + relative.mean(axis=2))
