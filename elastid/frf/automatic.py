@@ -30,6 +30,7 @@ from elastid.base.note import Note
 from elastid.frf.local.response import local_mean
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method
+from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 
@@ -45,7 +46,8 @@ class AutomaticLimits:
     lines: int = 128  # of the preview of a local method, for its time
     power_share: float = 1e-4  # of the strongest line's input power, below which a line does not count
     margin: float = 1.5  # by which a local method must be better than a mean of periods, or where it takes long
-    long_lines: int = 50_000  # take a local method over half a minute for one input
+    long_lines: int = 50_000  # take a local method about half a minute for one input
+    long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
     periods: int = 4  # of a log, below which their scatter may not show a transient
 
 
@@ -118,7 +120,12 @@ def _mean_root(squares: FloatArray) -> float:
 
 
 def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -> bool:
-    """True for logs whose periods were found to start with a transient, or are too few to show one."""
+    """True for logs whose periods were found to start with a transient, or are too few to show one.
+
+    Large ones do not count: a local method has a whole log in memory.
+    """
+    if any(RecordSpectra(record).is_large for record in records):
+        return False
     is_short = min(record.n_repeats for record in records) < LIMITS.periods
     return is_short or any(note.code == TRANSIENT_LEFT_OUT for note in response.notes)
 

@@ -96,6 +96,8 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
     band_hz = spec.band_hz or (0.0, first.rate_hz / 2)
     count = len(grid_lines("full", band_hz, first.rate_hz, min(record.n_samples for record in records)))
     is_long = count > AUTOMATIC.long_lines and spec.resolution_hz is None
+    if is_long and count * len(first.inputs) * len(first.outputs) > AUTOMATIC.long_values:
+        return chosen("h1", f"a local method would fit {count} lines, and records so long leave many segments")
     h1 = partial(_by, "h1", records, spec)
     preview = partial(_by, "local_rational", records, spec, AUTOMATIC.lines)
     return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)

@@ -127,6 +127,8 @@ def test_a_local_method_that_takes_long_must_be_much_better(monkeypatch: pytest.
     assert "takes local_rational" in _choice(estimate([record], AUTO))
     monkeypatch.setattr("elastid.frf.estimate.AUTOMATIC", replace(automatic.LIMITS, long_lines=1000))
     assert re.search("takes h1: .*not 1.5 times less", _choice(estimate([record], AUTO)))
+    monkeypatch.setattr("elastid.frf.estimate.AUTOMATIC", replace(automatic.LIMITS, long_lines=1000, long_values=2000))
+    assert "takes h1: a local method would fit 2999 lines" in _choice(estimate([record], AUTO))
 
 
 def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest_do_not() -> None:
