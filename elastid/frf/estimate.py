@@ -12,6 +12,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.frf.automatic import LIMITS as AUTOMATIC
+from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient
 from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
 from elastid.frf.covariance import (
     distortion_covariance,
@@ -69,39 +71,36 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Frequency
     _refuse_periods(records, spec)
     for record in records:
         refuse_uncomputable(record)
+    spec = replace(spec, transient_periods="auto")
     method, notes = _choose_without_period(records, spec)
-    spec = replace(spec, method=method, transient_periods="auto")
-    if method in WELCH:
-        response = welch_response(records, spec)
-    else:
-        records, cut = _of_one_length(records)
-        notes = (*notes, *cut)
-        response = local_response(records, replace(spec, lines="full"))
+    response = _by(method, records, spec)
     return replace(response, notes=(*notes, *response.notes, *channel_notes(response)))
 
 
+def _by(
+    method: Method, records: Sequence[Record], spec: EstimatorSpec, most_lines: int | None = None
+) -> FrequencyResponse:
+    """G of records without a period."""
+    if method in WELCH:
+        return welch_response(records, replace(spec, method=method))
+    records, cut = _of_one_length(records)
+    response = local_response(records, replace(spec, method=method, lines="full"), most_lines=most_lines)
+    return replace(response, notes=(*cut, *response.notes))
+
+
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:
-    """The method that the spec names; for `auto` a local one, or h1 for long records, with the reason as a note."""
+    """The method that the spec names; for `auto` by stated errors, where a fit of many lines must be worth its time."""
     if spec.method != "auto":
         return spec.method, ()
     first = records[0]
     band_hz = spec.band_hz or (0.0, first.rate_hz / 2)
     count = len(grid_lines("full", band_hz, first.rate_hz, min(record.n_samples for record in records)))
-    known = all(record.r is not None for record in records)
-    # More lines take a local method over half a minute for one input.
-    if count > 50_000 and spec.resolution_hz is None and not known:
-        return _chosen("h1", f"the records have no period; a local method would fit {count} lines, and records so long "
-                       "leave many segments")  # fmt: skip
-    return _chosen(
-        "local_rational",
-        "the records have no period; it needs no period, and a start from rest is part of its model, which segments "
-        "take for noise" + ("; by the reference r, so that noise in the loop biases nothing" if known else ""),
-    )
-
-
-def _chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
-    text = f"estimator.method auto takes {method}: {reason}"
-    return method, (Note("method-chosen", text, severity="information"),)
+    is_long = count > AUTOMATIC.long_lines and spec.resolution_hz is None
+    if is_long and count * len(first.inputs) * len(first.outputs) > AUTOMATIC.long_values:
+        return chosen("h1", f"a local method would fit {count} lines, and records so long leave many segments")
+    h1 = partial(_by, "h1", records, spec)
+    preview = partial(_by, "local_rational", records, spec, AUTOMATIC.lines)
+    return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
 
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
@@ -154,13 +153,38 @@ def _with_period(
     spec: EstimatorSpec,
     planned_lines: IntArray | None,
 ) -> FrequencyResponse:
-    """By a local method, or a mean over realisations or one that pools them: each line on its own, from its periods."""
+    """By a local method, or a mean over realisations or one that pools them.
+
+    A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
+    """
     method, reason = _choose(spec, groups)
-    if method in LOCAL:
-        for record in records:
-            refuse_uncomputable(record)
-        response = local_response(records, replace(spec, method=method), planned_lines)
-        return replace(response, notes=(*reason, *response.notes))
+    response = None if method in LOCAL else _by_periods(records, groups, replace(spec, method=method), planned_lines)
+    is_free = spec.method == "auto" and planned_lines is None
+    if is_free and response is not None and may_hold_transient(records, response):
+        mean = response
+        preview = partial(_local, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
+        method, reason = choose_by_error(method, lambda: mean, preview, AUTOMATIC.margin)
+    if response is None or method in LOCAL:
+        response = _local(records, replace(spec, method=method), planned_lines)
+    return replace(response, notes=(*reason, *response.notes))
+
+
+def _local(
+    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None, most_lines: int | None = None
+) -> FrequencyResponse:
+    for record in records:
+        refuse_uncomputable(record)
+    return local_response(records, spec, planned_lines, most_lines)
+
+
+def _by_periods(
+    records: Sequence[Record],
+    groups: Sequence[Sequence[Record]],
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None,
+) -> FrequencyResponse:
+    """By a mean over realisations or a method that pools them: each line on its own, from its periods."""
+    method = spec.method
     refuse_few(records, groups, method)
     first = groups[0][0]
     spectra = [spectra_of(group, spec, planned_lines) for group in groups]
@@ -177,7 +201,7 @@ def _with_period(
         everything = gather(TotalError(fitted.G, power(error[0]) / len(groups), usable))
         usable, data, fitted = _fitted(everything.on(excited), groups, method, lines)
         error = total_error(data, fitted)
-    notes = [*reason, *(note for group in groups for record in group for note in record.notes), *data.notes]
+    notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
         text = (
             f"lines {described_lines(lines[~usable], first)} are left out: some combination of the inputs is less than "
@@ -224,26 +248,27 @@ def _fitted(
 
 
 def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[Note, ...]]:
-    """The method that the spec names; for `auto` the one for closed-loop robot data, with the reason as a note."""
+    """The method that the spec names; for `auto` as the experiments allow, with a note unless it is arithmetic."""
     if spec.method != "auto":
         return spec.method, ()
     n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
+    short = [record.name for group in groups for record in group if record.n_samples < 2 * record.repeat_samples]
+    if short:
+        return chosen("local_rational", f"{short[0]} holds one period, which has no scatter: neighbouring lines have")
     if total < n_u:
-        return _chosen(
+        return chosen(
             "local_rational", f"{total} experiments separate {n_u} inputs only with the help of neighbouring lines"
         )
     if any(len(group) < n_u for group in groups):
         known = all(record.r is not None for group in groups for record in group)
-        return _chosen(
+        return chosen(
             "joint" if known else "errors_in_variables",
             "over all realisations together, since a single one has fewer experiments than inputs and so no response "
             "to be averaged, and h1 is biased by the noise and friction that feedback brings into u",
         )
-    return _chosen(
-        "arithmetic",
-        "each realisation keeps its pairing of torque and motion, while noise and friction in the loop bias h1; "
-        "the harmonic mean fails where friction sticks, and the logarithmic one agrees with the arithmetic one",
-    )
+    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1; the harmonic mean
+    # fails where friction sticks, and the logarithmic one agrees with it.
+    return "arithmetic", ()
 
 
 def _with_covariances(

@@ -35,8 +35,8 @@ _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 class EstimatorSpec:
     """Estimation of frequency responses from records.
 
-    Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
-    `full`.
+    Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`, which compares `h1`
+    with `local_rational`; their lines are `full`.
     """
 
     # fmt: off
@@ -44,11 +44,11 @@ class EstimatorSpec:
         "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
         "`hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
-        "started from rest or not; `auto` takes the one that suits closed-loop robot data and says why.",
-        "`arithmetic` has the least bias in closed loop where realisations can be averaged; a `local` method for one "
-        "experiment of all inputs, `errors_in_variables` where input noise is as large as output noise, h1 only where "
-        "the input is known exactly, and `auto` where you would rather leave the choice to the "
-        "program.")] = "arithmetic"
+        "started from rest or not; `auto` takes the `arithmetic` mean where periods and experiments allow, else the "
+        "candidate with the smallest stated error, and reports the errors.", "`arithmetic` has the least bias in "
+        "closed loop where realisations can be averaged; a `local` method for one experiment of all inputs, "
+        "`errors_in_variables` where input noise is as large as output noise, h1 only where the input is known "
+        "exactly.")] = "auto"
     quantity: Annotated[Motion, Key("Quantity of the responses, into which the outputs are turned exactly, in the "
         "frequency domain.", "`position` or `velocity` for tools that read it; the fit is the same, since the factor "
         "(j omega)^n cancels in the weights.")] = "acceleration"

@@ -48,7 +48,7 @@ def peaks_of_draw(seed: int) -> tuple[Peak, ...]:
             quantities = ("acceleration",) * 3
             name = f"bench-r{m}-e{e}"
             records.append(Record(name, configuration, m, e, RATE_HZ, PERIOD, ("a", "b"), places, quantities, *signals))
-    return peaks(estimate(records, EstimatorSpec()))
+    return peaks(estimate(records, EstimatorSpec(method="arithmetic")))
 
 
 def deviations(found: tuple[Peak, ...]) -> FloatArray:

@@ -32,15 +32,6 @@ def test_local_methods_take_one_record_of_noise_from_rest(method: Method) -> Non
     assert np.median(coarse.total.variance) < 0.7 * np.median(full.total.variance)
 
 
-def test_auto_takes_a_local_method_and_says_why_and_h1_for_long_records() -> None:
-    """200 s at 200 Hz are 20 000 lines; ten times as many are too many for a local method."""
-    spec = EstimatorSpec(method="auto", quantity="velocity")
-    short = estimate([noise_record(3000, 0, n=1)], spec)
-    assert "auto takes local_rational: the records have no period" in said(short.notes)[0]
-    long = estimate([noise_record(120_000, 0, n=1)], spec)
-    assert "auto takes h1: the records have no period; a local method would fit 59999 lines" in said(long.notes)[0]
-
-
 def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
     """A note for a little, a refusal whose remedy, h1, works for much."""
     spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))

@@ -56,9 +56,13 @@ def peaks_hz() -> FloatArray:
 
 def sweep(link: Link, band_hz: tuple[float, float], rng: np.random.Generator) -> FloatArray:
     """reference, torque, speed of the motor, acceleration of the tip (n, 4) of one sweep from rest, with noise."""
-    n = round(RATE_HZ * DURATION)
-    t = np.arange(n) / RATE_HZ
-    reference = TORQUE * chirp(t, band_hz[0], DURATION, band_hz[1], phi=-90)
+    t = np.arange(round(RATE_HZ * DURATION)) / RATE_HZ
+    return driven(link, TORQUE * chirp(t, band_hz[0], DURATION, band_hz[1], phi=-90), rng)
+
+
+def driven(link: Link, reference: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The same signals (n, 4) from rest under any torque (n,) that stays within the band."""
+    n = len(reference)
     disturbance = DISTURBANCE * rng.standard_normal(n) * link.controlled
     # As long again of rest, in which the motion dies out, so that the spectra are those of the motion from rest.
     R, E = (np.fft.rfft(x, 2 * n) for x in (reference, disturbance))

@@ -67,7 +67,7 @@ class Limits:
 LIMITS = Limits()
 
 
-def _local_mean(x: FloatArray) -> FloatArray:
+def local_mean(x: FloatArray) -> FloatArray:
     """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
     F = len(x)
     total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
@@ -77,12 +77,13 @@ def _local_mean(x: FloatArray) -> FloatArray:
 
 
 def local_response(
-    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None
+    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None, most_lines: int | None = None
 ) -> FrequencyResponse:
     """G (F, n_y, n_u) of one configuration with its covariances and quality, from one experiment of all inputs or more.
 
     Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the
-    spec are left out in any case.  noise is None where there are only excited lines.
+    spec are left out in any case.  noise is None where there are only excited lines.  most_lines: of G at most, evenly
+    taken from those that it would have, each from the same window.
 
     Raises DataError where the lines are too few or the experiments do not separate the inputs.
     """
@@ -106,7 +107,11 @@ def local_response(
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
     Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
-    where = _windows(all_lines, ladder[-1], spec, first, (Z, R))
+    step = _step(spec, first)
+    thinning = 1 if most_lines is None else max(1, -(-len(all_lines) // (step * most_lines)))
+    every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
+    spectra = [replace(spectrum, noise=spectrum.noise[every]) for spectrum in spectra]
+    where = _windows(all_lines, ladder[-1], spec, first, (Z, R), every)
     fits = fit_ladder(Z, R, where, ladder)
     fit = fits.chosen
     usable = separates_inputs(fit, closed, len(first.outputs))
@@ -116,11 +121,11 @@ def local_response(
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
             "each its own random phases"
         )
-    lines = all_lines[_every(_step(spec, first))]
+    lines = all_lines[every]
     of_lines = fitted_response(fit, spectra, closed, usable)
     G, total = of_lines.G, of_lines.total
     if ladder[-1].transient:
-        richer = _richer_models(fits, all_lines, (Z, R), spec, first)
+        richer = _richer_models(fits, all_lines, (Z, R), spec, first, every)
         total = _with_model_error(G, total, richer, spectra, closed, usable)
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
     notes = [note for record in records for note in record.notes]
@@ -145,12 +150,17 @@ def local_response(
         first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
     )
     # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
-    together = 4 / 9 * where.index.shape[1] / _step(spec, first)
-    return replace(response, correlated_lines=max(1.0, together))
+    together = 4 / 9 * where.index.shape[1] / step
+    return replace(response, correlated_lines=max(1.0, together) / thinning)
 
 
 def _richer_models(
-    fits: LadderFit, lines: IntArray, signals: tuple[ComplexArray, ComplexArray], spec: EstimatorSpec, first: Record
+    fits: LadderFit,
+    lines: IntArray,
+    signals: tuple[ComplexArray, ComplexArray],
+    spec: EstimatorSpec,
+    first: Record,
+    every: slice,
 ) -> list[tuple[LocalFit, BoolArray]]:
     """Fits with more poles than those taken, each with the lines (F,) where it has more.
 
@@ -161,7 +171,7 @@ def _richer_models(
     rational = replace(spec, method="local_rational", local_order="auto")
     ladder = _ladder(rational, len(first.inputs), transient=True)
     try:
-        where = _windows(lines, ladder[-1], rational, first, signals)
+        where = _windows(lines, ladder[-1], rational, first, signals, every)
     except DataError:
         return []
     return [(fit_ladder(*signals, where, ladder).chosen, np.ones(len(where.index), dtype=np.bool_))]
@@ -192,7 +202,7 @@ def _with_model_error(
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)
         ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
-        g = _local_mean(ratio)
+        g = local_mean(ratio)
         error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
     relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
     factor = np.sqrt(1 + relative.mean(axis=2))
@@ -201,9 +211,14 @@ def _with_model_error(
 
 
 def _windows(
-    lines: IntArray, terms: WindowTerms, spec: EstimatorSpec, first: Record, signals: tuple[ComplexArray, ComplexArray]
+    lines: IntArray,
+    terms: WindowTerms,
+    spec: EstimatorSpec,
+    first: Record,
+    signals: tuple[ComplexArray, ComplexArray],
+    every: slice,
 ) -> Windows:
-    """The windows around the lines (F,) for Z (E, F, n_z) and R (E, F, n_u); DataError where there are too few lines.
+    """Windows around lines[every] for Z (E, F, n_z) and R (E, F, n_u) at lines (F,); DataError where these are too few.
 
     Where each experiment has a transient of its own, only different excitations separate the response from it.
     """
@@ -216,8 +231,7 @@ def _windows(
             f"configuration {first.configuration.name}: {spec.method} needs {n_w} lines in a window, "
             f"{len(lines)} are excited; widen band_hz, measure more experiments, or take a longer period or record"
         )
-    step = _step(spec, first)
-    return windows(lines, lines[_every(step)], max(n_w, min(step, len(lines))))
+    return windows(lines, lines[every], max(n_w, min(_step(spec, first), len(lines))))
 
 
 def _step(spec: EstimatorSpec, first: Record) -> int:
@@ -225,11 +239,6 @@ def _step(spec: EstimatorSpec, first: Record) -> int:
     if spec.resolution_hz is None or first.is_periodic:
         return 1
     return max(1, round(spec.resolution_hz * first.period_samples / first.rate_hz))
-
-
-def _every(step: int) -> slice:
-    """Every step-th line, each in the middle of its neighbours."""
-    return slice((step - 1) // 2, None, step)
 
 
 def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> None:

@@ -317,7 +317,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
         local_response([few], LPM, LINES[:12])
     once = _record(_phases(rng, len(LINES), 1), _phases(rng, len(LINES), 1), P=1)
     with pytest.raises(DataError, match="hold one period, method arithmetic needs two"):
-        estimate([once], EstimatorSpec(quantity="velocity"), LINES)
+        estimate([once], EstimatorSpec(method="arithmetic", quantity="velocity"), LINES)
     assert estimate([once], LPM, LINES).n_lines == len(LINES)
 
 

@@ -1,0 +1,149 @@
+r"""Automatic choice of an estimator: the candidate with the smallest stated error.
+
+A wide window averages more noise than a narrow one, without a better response.  So errors count at one resolution B,
+the widest of the candidates; that of a candidate, b, is the spacing of its lines times those that are correlated.  At
+each line with input power, relative to |G|,
+
+.. math:: \epsilon^2 = \min\left(1, \frac{\sigma^2}{|G|^2} \min(1, b / B) + \beta^2\right), \quad
+          \beta^2 = \max\left(0, \left\langle \min\left(1, \frac{|\Delta|^2}{|G|^2}\right)
+          - \min\left(1, \frac{\sigma^2 + \sigma_l^2}{|G|^2}\right) \right\rangle\right)
+
+and the mean of the roots of epsilon, squared, is the error of the candidate: in their mean square lines beyond the
+excited band would outweigh all others, while their geometric mean would forgive a lost antiresonance.
+
+beta is for segments alone, whose bias by leakage and by noise in a loop is in no variance: Delta is the difference to
+the local rational method, whose model holds the start from rest, and whose variance sigma_l^2 holds the error of its
+model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <> is a mean over neighbouring lines.
+A mean over periods has a transient in its scatter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.frf.local.response import local_mean
+from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
+from elastid.frf.spec import Method
+from elastid.frf.spectra import RecordSpectra
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True)
+class AutomaticLimits:
+    """Limits of the choice.
+
+    With them `auto` has at most 1.5 times the error of the best method on ten kinds of record, at 10 to 50 dB
+    (`scripts/studies/automatic_method.py`).
+    """
+
+    lines: int = 128  # of the preview of a local method, for its time
+    power_share: float = 1e-4  # of the strongest line's input power, below which a line does not count
+    margin: float = 1.5  # by which a local method must be better than a mean of periods, or where it takes long
+    long_lines: int = 50_000  # take a local method about half a minute for one input
+    long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
+    periods: int = 4  # of a log, below which their scatter may not show a transient
+
+
+LIMITS = AutomaticLimits()
+
+
+def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
+    """A method and the note on it."""
+    text = f"estimator.method auto takes {method}: {reason}"
+    return method, (Note("method-chosen", text, severity="information"),)
+
+
+def choose_by_error(
+    method: Method,
+    candidate: Callable[[], FrequencyResponse],
+    preview: Callable[[], FrequencyResponse],
+    margin: float = 1.0,
+) -> tuple[Method, tuple[Note, ...]]:
+    """`method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
+
+    preview: G of local_rational at some of its lines.  Where one refuses the records, the other is taken; the DataError
+    of `method` where both do.
+    """
+    try:
+        local = preview()
+    except DataError as refusal:
+        candidate()
+        return chosen(method, f"local_rational refuses these records ({refusal})")
+    try:
+        response = candidate()
+    except DataError as refusal:
+        return chosen("local_rational", f"{method} refuses these records ({refusal})")
+    if min(response.n_lines, local.n_lines) < 2:
+        return chosen("local_rational", f"{method} has {response.n_lines} lines")
+    error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
+    unit = "Hz" if local.rate_is_known else "of the sampling rate"
+    scale = f"of G, averaged over lines at a resolution of {resolution:.2g} {unit}"
+    if error_l * margin < error:
+        return chosen("local_rational", f"stated error {100 * error_l:.2g} % {scale}, {method} {100 * error:.2g} %")
+    missed = f", not {margin:g} times less" if error_l < error else ""
+    return chosen(method, f"stated error {100 * error:.2g} % {scale}, local_rational {100 * error_l:.2g} %{missed}")
+
+
+def stated_errors(response: FrequencyResponse, local: FrequencyResponse, has_bias: bool) -> tuple[float, float, float]:
+    """Relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
+
+    has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
+    """
+    b, b_l = (float(np.median(np.diff(each.freq_hz))) * each.correlated_lines for each in (response, local))
+    inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
+    common = inside & _has_power(local)
+    local = local.lines(common if common.any() else inside)
+    G, variance_l = _interpolated(local, response.freq_hz, response.G), _variance(local)
+    variance = _interpolated(local, response.freq_hz, _variance(response)).real
+    # |G|^2 of both, each by its weight.
+    weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
+    power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)
+
+    def relative(squares: FloatArray) -> FloatArray:
+        return np.minimum(1.0, squares / np.maximum(power, 1e-300))
+
+    bias = np.maximum(0.0, local_mean(relative(np.abs(G - local.G) ** 2) - relative(variance + variance_l)))
+    squares = relative(variance * min(1.0, b / b_l)) + (bias if has_bias else 0.0)
+    return _mean_root(squares), _mean_root(relative(variance_l * min(1.0, b_l / b))), max(b, b_l)
+
+
+def _mean_root(squares: FloatArray) -> float:
+    """The square of the mean root of errors, of which 1 counts at most, from their squares."""
+    return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
+
+
+def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -> bool:
+    """True for logs whose periods were found to start with a transient, or are too few to show one.
+
+    Large ones do not count: a local method has a whole log in memory.
+    """
+    if any(RecordSpectra(record).is_large for record in records):
+        return False
+    is_short = min(record.n_repeats for record in records) < LIMITS.periods
+    return is_short or any(note.code == TRANSIENT_LEFT_OUT for note in response.notes)
+
+
+def _has_power(response: FrequencyResponse) -> BoolArray:
+    """Flags (F,) of the lines where the weakest combination of inputs has power."""
+    assert response.quality is not None
+    power = response.quality.input_singular_values[:, -1] ** 2
+    return np.asarray(power >= LIMITS.power_share * power.max())
+
+
+def _interpolated(at: FrequencyResponse, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:
+    """x (F, n_y, n_u) at the lines of another response."""
+    right = np.clip(np.searchsorted(freq_hz, at.freq_hz), 1, len(freq_hz) - 1)
+    part = (at.freq_hz - freq_hz[right - 1]) / (freq_hz[right] - freq_hz[right - 1])
+    return np.asarray(x[right - 1] + part[:, None, None] * (x[right] - x[right - 1]), dtype=np.complex128)
+
+
+def _variance(response: FrequencyResponse) -> FloatArray:
+    assert response.uncertainty is not None
+    return response.uncertainty.variance

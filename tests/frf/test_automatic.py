@@ -1,0 +1,163 @@
+"""The automatic choice of an estimator: by stated errors, whichever of the candidates is the better one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.noise_record import RATE, noise_record
+from plants.notes import said
+from scipy.signal import lfilter
+
+from elastid.base.errors import DataError
+from elastid.frf import automatic
+from elastid.frf.estimate import estimate
+from elastid.frf.local.response import local_response
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+
+ARM = Path(__file__).parents[3] / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
+AUTO = EstimatorSpec(quantity="velocity")
+LOCAL = replace(AUTO, method="local_rational")
+# A resonance of 0.3 % at 30 Hz.
+POLE = 0.997 * np.exp(2j * np.pi * 30 / RATE)
+LIGHT = [1.0, -2 * POLE.real, abs(POLE) ** 2]
+
+
+def _choice(response: FrequencyResponse) -> str:
+    (text,) = (note.text for note in response.notes if note.code == "method-chosen")
+    return text
+
+
+def _light(freq_hz: np.ndarray) -> np.ndarray:
+    z = np.exp(-2j * np.pi * freq_hz / RATE)
+    return np.asarray(1 / (LIGHT[0] + LIGHT[1] * z + LIGHT[2] * z**2))
+
+
+def _multisine(periods: int, seed: int, N: int = 400) -> Record:
+    """Full random-phase periods from rest through the light resonance, little noise."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(N // 2 + 1, complex)
+    spectrum[4:180] = np.exp(2j * np.pi * rng.random(176))
+    u = np.tile(np.fft.irfft(spectrum), periods)[:, None]
+    y = lfilter([1.0], LIGHT, u, axis=0)
+    y += 1e-3 * y.std() * rng.normal(size=y.shape)
+    return replace(noise_record(N, 0, n=1), u=u, y=y, is_periodic=True, period_samples=N)
+
+
+def test_auto_is_the_default_and_needs_no_period() -> None:
+    """An empty section, for noise on two inputs."""
+    assert EstimatorSpec().method == "auto"
+    assert estimate([noise_record(3000, 0, noise=0.1)], EstimatorSpec()).n_lines > 10
+
+
+def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments() -> None:
+    """Leakage of a segment against the variance of a narrow window; the note has both errors."""
+    rng = np.random.default_rng(0)
+    record = noise_record(4000, 1, n=1)
+    quiet = replace(record, y=lfilter([1.0], LIGHT, record.u, axis=0))
+    noisy = replace(record, y=quiet.y + 3 * quiet.y.std() * rng.normal(size=quiet.y.shape))
+    chosen = {name: estimate([each], AUTO) for name, each in (("quiet", quiet), ("noisy", noisy))}
+    assert "auto takes local_rational: stated error" in _choice(chosen["quiet"])
+    assert ", h1 " in _choice(chosen["quiet"])
+    assert "auto takes h1: stated error" in _choice(chosen["noisy"])
+    assert ", local_rational " in _choice(chosen["noisy"])
+    np.testing.assert_array_equal(chosen["quiet"].G, estimate([quiet], LOCAL).G)
+    np.testing.assert_array_equal(chosen["noisy"].G, estimate([noisy], replace(AUTO, method="h1")).G)
+
+
+def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lacks() -> None:
+    """Of a light resonance without noise, against the truth, at the lines of the preview: within a factor of two."""
+    record = noise_record(8000, 2, n=1)
+    record = replace(record, y=lfilter([1.0], LIGHT, record.u, axis=0))
+    spec = replace(AUTO, method="h1", segment=1.28)
+    h1, local = estimate([record], spec), local_response([record], replace(LOCAL, lines="full"), most_lines=400)
+    error, _, _ = automatic.stated_errors(h1, local, has_bias=True)
+    inside = local.freq_hz[(local.freq_hz >= h1.freq_hz[0]) & (local.freq_hz <= h1.freq_hz[-1])]
+    G = np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].real) + 1j * np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].imag)
+    true = np.mean(np.sqrt(np.minimum(1, np.abs(G / _light(inside) - 1)))) ** 2
+    assert 0.5 * true < error < 2 * true
+    assert automatic.stated_errors(h1, local, has_bias=False)[0] < 0.9 * error
+
+
+def test_a_preview_has_some_lines_of_the_full_estimate() -> None:
+    """The same G and variance at each, and its errors correlated over the same width in Hz."""
+    record = noise_record(3000, 0, noise=0.1)
+    spec = replace(LOCAL, lines="full")
+    full, few = local_response([record], spec), local_response([record], spec, most_lines=100)
+    index = np.searchsorted(full.freq_hz, few.freq_hz)
+    assert 50 < few.n_lines <= 100
+    np.testing.assert_allclose(few.freq_hz, full.freq_hz[index])
+    np.testing.assert_allclose(few.G, full.G[index], rtol=1e-9)
+    widths = [each.correlated_lines * (each.freq_hz[1] - each.freq_hz[0]) for each in (full, few)]
+    assert widths[0] == pytest.approx(widths[1])
+
+
+def _refused() -> list[tuple[Sequence[Record], EstimatorSpec, str]]:
+    lengths = [noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 900))]
+    return [
+        (lengths, AUTO, "takes h1: local_rational refuses these records"),
+        ([noise_record(3000, 0, noise=0.1)], replace(AUTO, segment=15.0), "takes local_rational: h1 refuses"),
+    ]
+
+
+@pytest.mark.parametrize(("records", "spec", "words"), _refused(), ids=["local_rational", "h1"])
+def test_where_one_candidate_refuses_the_records_the_other_is_taken(
+    records: Sequence[Record], spec: EstimatorSpec, words: str
+) -> None:
+    """Records of unequal length; a segment as long as the record."""
+    assert words in _choice(estimate(records, spec))
+
+
+def test_where_both_refuse_the_records_so_does_auto() -> None:
+    """Two inputs in proportion."""
+    record = noise_record(3000, 0)
+    with pytest.raises(DataError, match="do not separate the 2 inputs"):
+        estimate([replace(record, u=record.u[:, [0, 0]])], AUTO)
+
+
+def test_a_local_method_that_takes_long_must_be_much_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A record on which it is a little better, with a limit below its lines; the note has the price."""
+    record = noise_record(6000, 0, n=1, noise=0.05)
+    assert "takes local_rational" in _choice(estimate([record], AUTO))
+    monkeypatch.setattr("elastid.frf.estimate.AUTOMATIC", replace(automatic.LIMITS, long_lines=1000))
+    assert re.search("takes h1: .*not 1.5 times less", _choice(estimate([record], AUTO)))
+    monkeypatch.setattr("elastid.frf.estimate.AUTOMATIC", replace(automatic.LIMITS, long_lines=1000, long_values=2000))
+    assert "takes h1: a local method would fit 2999 lines" in _choice(estimate([record], AUTO))
+
+
+def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest_do_not() -> None:
+    """Three periods of a resonance that rings longer: the mean is off by more than three times as much."""
+    record = _multisine(3, 0)
+    auto, mean = estimate([record], AUTO), estimate([record], replace(AUTO, method="arithmetic"))
+    assert "takes local_rational" in _choice(auto)
+    errors = [np.median(np.abs(each.G[:, 0, 0] / _light(each.freq_hz) - 1)) for each in (auto, mean)]
+    assert errors[0] < errors[1] / 3
+    settled = replace(_multisine(12, 0), u=_multisine(12, 0).u[2400:], y=_multisine(12, 0).y[2400:])
+    for records, lines in (([record], np.arange(4, 180)), ([settled], None)):
+        planned = estimate(records, AUTO, lines)
+        np.testing.assert_array_equal(planned.G, estimate(records, replace(AUTO, method="arithmetic"), lines).G)
+        assert not any("method-chosen" in note for note in said(planned.notes))
+
+
+def test_one_period_is_left_to_the_local_method() -> None:
+    """There is no scatter of periods; a mean refuses it."""
+    assert "takes local_rational: c-r0-e0 holds one period" in _choice(estimate([_multisine(1, 0)], AUTO))
+
+
+@pytest.mark.skipif(not ARM.exists(), reason="the measured arm is in ../shared, which is not here")
+@pytest.mark.parametrize("band_hz", [None, (0.3, 15.2)])
+def test_a_swept_arm_keeps_its_antiresonance_at_2_45_hz(band_hz: tuple[float, float] | None) -> None:
+    """0.0322 of the sampling rate, 2.45 Hz at 76 Hz; segments of h1 put it at 2.375 Hz, one of two lines below 5 Hz."""
+    from scipy.io import loadmat
+
+    u, y = np.hsplit(loadmat(ARM)["robot_arm_dat"].astype(float), 2)
+    record = replace(noise_record(len(u), 0, n=1), rate_hz=76.0, u=u, y=-y, quantities=("acceleration",))
+    response = estimate([record], EstimatorSpec(band_hz=band_hz))
+    near = (response.freq_hz > 1.5) & (response.freq_hz < 3.5)
+    assert response.freq_hz[near][np.argmin(np.abs(response.G[near, 0, 0]))] == pytest.approx(2.45, abs=0.04)
