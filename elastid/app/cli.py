@@ -158,11 +158,11 @@ def new(folder: Path, template: str) -> None:
 @_study
 @_options("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
-    """Show all errors of a study with file, line and column, else a summary of the study and its stages."""
+    """Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."""
     from elastid.app.overview import overview
-    from elastid.study import load
+    from elastid.study import load_with_logs
 
-    click.echo(printable(overview(load(study, overrides).study)))
+    click.echo(printable(overview(load_with_logs(study, overrides).study)))
 
 
 def add_stage_commands(group: click.Group) -> None:
