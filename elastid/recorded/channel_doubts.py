@@ -41,10 +41,13 @@ class DoubtLimits:
     min_explained: float = 0.75
     max_stated: float = 0.5
     min_explained_gain: float = 0.3
-    # Inertia: beyond the robot's so often, and |log| of its distance from it with another unit.
-    min_inertia_ratio: float = 12.0
+    min_quantity_gain: float = 0.15
+    # Inertia of a joint over that of its motor, link side, and |log| of its distance from it with another unit.
+    max_inertia_ratio: float = 12.0
     max_inertia_factor: float = 1.0
-    max_inertial: float = 0.03  # part of the torque of a motion that is one derivative further than stated
+    # Parts of the torque by the inertia and by the damping of a motion that is one derivative further than stated.
+    max_inertial: float = 0.03
+    min_viscous: float = 0.9
     max_turns: float = 4.0  # that no joint behind a gear makes
     min_samples: int = 200
 
@@ -77,12 +80,24 @@ class JointSignals:
         """The derivative of the position that a motion is, as stated."""
         return MOTIONS.index(self.channels[i].quantity)  # type: ignore[arg-type]
 
-    def relation(self, i: int, order: int | None = None, torque: int | None = None) -> TorqueRelation:
+    def relation(
+        self, i: int, order: int | None = None, torque: int | None = None, turns: bool = True
+    ) -> TorqueRelation:
         """The torque of the joint, or another one, by a motion, as the stated derivative or another one."""
         u = self.torque if torque is None else torque
         assert u is not None, "only joints with a torque are asked"
-        stated = self.order(i) if order is None else order
-        return torque_relation(self.signals[:, u], self.signals[:, i], stated, self.rate_hz, not self.joint.slides)
+        k, turns = self.order(i) if order is None else order, turns and not self.joint.slides
+        return torque_relation(self.signals[:, u], self.signals[:, i], k, self.rate_hz, turns)
+
+    @property
+    def motor_inertia(self) -> float:
+        """That of the motor on the link side, which the joint's inertia exceeds."""
+        return 0.0 if self.joint.motor is None else self.joint.motor.inertia * self.ratio**2
+
+    def is_plausible(self, relation: TorqueRelation) -> bool:
+        """True if inertia and friction are positive, and the inertia is not far from the motor's."""
+        is_positive = relation.inertial > LIMITS.max_inertial and relation.dissipated > -LIMITS.max_inertial
+        return is_positive and 1 / 3 < relation.inertia / self.motor_inertia < LIMITS.max_inertia_ratio
 
     @cached_property
     def driving(self) -> int | None:
@@ -100,7 +115,7 @@ class JointSignals:
         units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in units_of(dimension) if TABLE[unit][1] != stated]
         ratio = abs(self.ratio) ** (1 if channel.side == "link" else -1)
         side = "side: motor" if channel.side == "link" else "side: link"
-        return units + [(ratio, side)] * (abs(np.log(ratio)) > LIMITS.max_gain)
+        return [*units, (ratio, side)] if abs(np.log(ratio)) > LIMITS.max_gain else units
 
 
 def channel_doubts(
@@ -115,7 +130,7 @@ def channel_doubts(
     if too_far := [doubt for joint in joints for doubt in _travels(joint)]:
         yield from too_far
         return
-    if of_motions := [doubt for joint in joints for doubt in _motions(joint)]:
+    if of_motions := [doubt for joint in joints for doubt in _motions(joint, joints)]:
         yield from _rate(of_motions, rate_hz)
         return
     if of_order := list(_order(joints)):
@@ -172,12 +187,34 @@ def _travels(joint: JointSignals) -> Iterator[Doubt]:
             yield Doubt(i, "side" if fitting == ["side: motor"] else "unit", text)
 
 
-def _motions(joint: JointSignals) -> Iterator[Doubt]:
-    """Motions of one joint that contradict each other: quantity, sign, unit."""
+def _motions(joint: JointSignals, joints: Sequence[JointSignals]) -> Iterator[Doubt]:
+    """Motions of one joint that contradict each other: quantity, sign, unit; or that follow another joint."""
     for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
-        stated = joint.order(b) - joint.order(a)
         relations = {r.order: r for r in motion_relations(joint.signals[:, a], joint.signals[:, b], joint.rate_hz)}
-        yield from _of_pair(joint, a, b, relations[stated], max(relations.values(), key=lambda r: abs(r.correlation)))
+        stated = relations[joint.order(b) - joint.order(a)]
+        best = max(relations.values(), key=lambda r: abs(r.correlation))
+        if abs(best.correlation) > LIMITS.min_correlation:
+            yield from _of_pair(joint, a, b, stated, best)
+        elif abs(stated.correlation) < LIMITS.max_stated_correlation:
+            yield from _of_another(joint, a, b, joints)
+
+
+def _of_another(joint: JointSignals, a: int, b: int, joints: Sequence[JointSignals]) -> Iterator[Doubt]:
+    """The one of two motions without a common course that the torque does not explain, if it is another joint's."""
+    explained = [0.0 if joint.torque is None else joint.relation(i).explained for i in (a, b)]
+    i = a if explained[0] < explained[1] else b
+    for other in joints:
+        for z in other.motions if other is not joint else ():
+            x, y = sorted((i, z), key=joint.order)
+            relations = motion_relations(joint.signals[:, x], joint.signals[:, y], joint.rate_hz)
+            stated = next(r for r in relations if r.order == joint.order(y) - joint.order(x))
+            if stated.correlation > LIMITS.min_correlation:
+                text = (
+                    f"{joint.channels[i].name_in_file} moves as {joint.channels[z].name_in_file} of joint "
+                    f"{other.joint.name} does (correlation {stated.correlation:.3f}); check the order of the channels"
+                )
+                yield Doubt(i, "at", text)
+                return
 
 
 def _of_pair(
@@ -191,7 +228,7 @@ def _of_pair(
         if best.order == 0:
             text = f"{first} and {second} are one motion (correlation {best.correlation:.3f})"
         yield Doubt(i, "quantity", f"{text}; {joint.channels[i].name_in_file} seems to be quantity: {quantity}")
-    elif abs(stated.correlation) < LIMITS.min_correlation:
+    elif abs(stated.correlation) < LIMITS.min_correlation:  # a weak doubt
         return
     elif abs(np.log(gain)) > LIMITS.max_gain:
         factors = [(f, i, t) for i, sense in ((a, -1), (b, 1)) for f, t in ((x**sense, t) for x, t in joint.factors(i))]
@@ -255,38 +292,40 @@ def _torque(joint: JointSignals, u: int, y: int) -> Iterator[Doubt]:
     """Sign, quantity and unit of the one motion, or of motions that agree, by the torque."""
     stated = joint.relation(y)
     torque, motion = (joint.channels[i].name_in_file for i in (u, y))
-    if stated.explained > LIMITS.min_explained and stated.is_against_motion:
-        at = u if len(joint.motions) > 1 else y
+    is_against = stated.explained > LIMITS.min_explained and stated.is_against_motion
+    needed = stated.explained - LIMITS.max_inertial if is_against else stated.explained + LIMITS.min_quantity_gain
+    others = {k: joint.relation(y, k) for k in range(len(MOTIONS)) if k != joint.order(y)}
+    k, best = max(others.items(), key=lambda item: (joint.is_plausible(item[1]), item[1].explained))
+    if joint.is_plausible(best) and best.explained > max(LIMITS.min_explained, needed):
+        text = (
+            f"as {MOTIONS[k]} {motion} explains {100 * best.explained:.0f} % of the torque {torque} by a positive "
+            f"inertia, as {joint.channels[y].quantity} {100 * stated.explained:.0f} % by one of {stated.inertia:.3g}; "
+            f"it seems to be quantity: {MOTIONS[k]}"
+        )
+        yield Doubt(y, "quantity", text)
+    elif is_against:
         text = (
             f"torque {torque} and motion {motion} of joint {joint.joint.name} have opposite signs: inertia or friction "
             "would be negative; give one of them sign: -1"
         )
-        yield Doubt(at, "sign", text)
-        return
-    others = {k: joint.relation(y, k) for k in range(len(MOTIONS)) if k != joint.order(y)}
-    k, best = max(others.items(), key=lambda item: item[1].explained)
-    if best.explained > LIMITS.min_explained and stated.explained < LIMITS.max_stated and best.inertial > 0.1:
-        text = (
-            f"as {joint.channels[y].quantity} {motion} explains {100 * stated.explained:.0f} % of the torque {torque}, "
-            f"as {MOTIONS[k]} {100 * best.explained:.0f} %; it seems to be quantity: {MOTIONS[k]}"
-        )
-        yield Doubt(y, "quantity", text)
-    elif stated.explained > LIMITS.min_explained:
+        yield Doubt(u if len(joint.motions) > 1 else y, "sign", text)
+    else:
         yield from _inertia(joint, u, y, stated)
 
 
 def _inertia(joint: JointSignals, u: int, y: int, stated: TorqueRelation) -> Iterator[Doubt]:
     """A unit that is left out, where the inertia is so far below the motor's; a damping that is an inertia."""
-    motor, channel = joint.joint.motor, joint.channels[y]
-    least = 0.0 if motor is None else motor.inertia * joint.ratio**2
+    least, channel = joint.motor_inertia, joint.channels[y]
     torque = f"the torque {joint.channels[u].name_in_file}"
-    if stated.inertial > LIMITS.max_stated and 0 < stated.inertia < least / LIMITS.min_inertia_ratio:
-        near = nearest_factor(least / stated.inertia, joint.factors(y), LIMITS.max_inertia_factor)
+    plain = joint.relation(y, turns=False)  # angles that are too large make gravity of inertia
+    if plain.inertial > LIMITS.min_explained and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
+        near = nearest_factor(least / plain.inertia, joint.factors(y), LIMITS.max_inertia_factor)
         if near and not channel.unit:
-            text = f"{torque} shows an inertia of {stated.inertia:.3g} at {channel.name_in_file}, the motor alone has "
+            text = f"{torque} shows an inertia of {plain.inertia:.3g} at {channel.name_in_file}, the motor alone has "
             yield Doubt(y, near.partition(":")[0], f"{text}{least:.3g} (link side); {near} would make both agree")
-    is_mass = least / 3 < stated.damping < LIMITS.min_inertia_ratio * least
-    if is_mass and joint.order(y) < 2 and stated.viscous > 0.9 and abs(stated.inertial) < LIMITS.max_inertial:
+    is_mass = least / 3 < stated.damping < LIMITS.max_inertia_ratio * least
+    is_all = stated.viscous > LIMITS.min_viscous and abs(stated.inertial) < LIMITS.max_inertial
+    if is_mass and is_all and joint.order(y) < 2:
         quantity = MOTIONS[joint.order(y) + 1]
         text = f"{torque} is proportional to the derivative of {channel.name_in_file}, by the inertia of the motor"
         yield Doubt(y, "quantity", f"{text}; it seems to be quantity: {quantity}")

@@ -65,18 +65,24 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
-    try:
+    """Channels of one file that are not in it; DataError where none of them is."""
+    refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
+    if refusals and len(refusals) == len(members):
         _read(log, [recorded.channels[k] for k in members], 0, 2)
-    except ElastidError:
-        for k in members:
-            try:
-                _read(log, [recorded.channels[k]], 0, 2)
-            except ElastidError as error:
-                key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
-                yield Problem((*_RECORDED, "channels", k, key), str(error))
+    for k, refused in refusals:
+        key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
+        yield Problem((*_RECORDED, "channels", k, key), refused)
     if recorded.time and recorded.time not in log.shapes():
         message = f"no channel of the log is called so; {did_you_mean(recorded.time, list(log.shapes()))}"
         yield Problem((*_RECORDED, "time"), message)
+
+
+def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
+    try:
+        _read(log, channels, 0, 2)
+    except ElastidError as error:
+        return str(error)
+    return ""
 
 
 def _check_content(
