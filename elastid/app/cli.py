@@ -138,19 +138,22 @@ def demo(**options: Any) -> None:
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
-    "--template",
+    "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
-    default="serial",
-    show_default=True,
-)
-def new(folder: Path, template: str) -> None:
+)  # fmt: skip
+@click.option(
+    *("--from", "logs"), multiple=True, type=click.Path(path_type=Path), metavar="LOG ...",
+    help="Guess the study from these logs, in place of a template.",
+)  # fmt: skip
+@click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
+def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder.
 
     Templates recorded and frf (responses and their peaks, without a robot) come with a small simulated log in logs/.
     """
     from elastid.app import scaffold
 
-    study = scaffold.new(folder, template)
+    study = scaffold.new_from_logs(folder, logs, more) if logs or more else scaffold.new(folder, template)
     click.echo(f"{printable(str(study))} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
 
 

@@ -217,9 +217,7 @@ def _of_another(joint: JointSignals, a: int, b: int, joints: Sequence[JointSigna
                 return
 
 
-def _of_pair(
-    joint: JointSignals, a: int, b: int, stated: MotionRelation, best: MotionRelation
-) -> Iterator[Doubt]:
+def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: MotionRelation) -> Iterator[Doubt]:
     gain = abs(stated.gain)
     first, second = (f"{joint.channels[i].quantity} {joint.channels[i].name_in_file}" for i in (a, b))
     if abs(stated.correlation) < LIMITS.max_stated_correlation and abs(best.correlation) > LIMITS.min_correlation:

@@ -91,9 +91,7 @@ def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, tu
     return max(results, key=lambda result: result.explained, default=NO_RELATION)
 
 
-def _relation_at(
-    u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool
-) -> TorqueRelation:
+def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
     torque = derivative(u, 0, rate_hz, width)
     # Of an acceleration the velocity is its integral, without the drift.
     motion, order = (_integral(y, rate_hz), 1) if order == 2 else (y, order)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,9 @@ from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.channel_doubts import Doubt, channel_doubts
-from elastid.recorded.files.formats import is_log, opened_log
+from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
-from elastid.recorded.files.text import TextLog
 from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
 from elastid.study.messages import Problem
@@ -28,7 +26,7 @@ _RECORDED: KeyPath = ("experiment", "recorded")
 # Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
 _MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
 _IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # A rate that differs by more is another one; time stamps lose samples and drift.
 _MAX_RATE_ERROR = 0.02
 
@@ -68,7 +66,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
     """Channels of one file that are not in it; DataError where none of them is."""
     refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
     if refusals and len(refusals) == len(members):
-        _read(log, [recorded.channels[k] for k in members], 0, 2)
+        values_of(log, [recorded.channels[k] for k in members], 0, 2)
     for k, refused in refusals:
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
         yield Problem((*_RECORDED, "channels", k, key), refused)
@@ -79,7 +77,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
 
 def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
     try:
-        _read(log, channels, 0, 2)
+        values_of(log, channels, 0, 2)
     except ElastidError as error:
         return str(error)
     return ""
@@ -93,7 +91,7 @@ def _check_content(
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
     most = max(_MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    values = _read(log, channels, first, first + most if end is None else min(end, first + most))
+    values = values_of(log, channels, first, first + most if end is None else min(end, first + most))
     if end is not None and len(values) < min(end - first, most):
         yield Problem((*path, "samples"), f"the log ends after sample {first + len(values)}; its first is 0")
         return
@@ -147,7 +145,7 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         steps = np.diff(time_of(log, name))
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        rates = {unit: (1 / (s * np.mean(steps)), 1 / (s * np.median(steps))) for unit, s in _TIME_UNITS.items()}
+        rates = {unit: (1 / (s * np.mean(steps)), 1 / (s * np.median(steps))) for unit, s in TIME_UNITS.items()}
         if recorded.time and rates["s"][0] < 0.7 * rate_hz:
             advice = "the time must be in s" if rates["ms"][0] > 0.5 * rate_hz else "lower rate_hz to that"
             yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz, if it is in s; {advice}")
@@ -157,7 +155,9 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         return
     arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
     stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
-    if other := [hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)]:
+    if other := [
+        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
+    ]:
         yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
 
 
@@ -173,17 +173,7 @@ def is_time(name: str) -> bool:
 def time_of(log: OpenLog, name: str) -> FloatArray:
     """The stamps (n,) of a channel, at most as many as are read of each; empty where it is no time."""
     try:
-        t = _read(log, [ChannelSpec("y", "time", name, quantity="position")], 0, _MAX_SAMPLES)[:, 0]
+        t = values_of(log, [ChannelSpec("y", "time", name, quantity="position")], 0, _MAX_SAMPLES)[:, 0]
     except ElastidError:
         return np.zeros(0)
     return t if len(t) > 2 and np.isfinite(t).all() else np.zeros(0)
-
-
-def _read(log: OpenLog, channels: Sequence[ChannelSpec], first: int, end: int) -> FloatArray:
-    """Values (n, c) of a part of the samples; no more is read than the format needs."""
-    if isinstance(log, ArrayLog):
-        return log.values(channels, slice(first, end))
-    if isinstance(log, TextLog):
-        rows = log.format.interleaved
-        log = replace(log, number_lines=log.number_lines[: log.first + rows * end])
-    return log.values(channels)[first:end]
