@@ -141,10 +141,7 @@ def demo(**options: Any) -> None:
     "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
 )  # fmt: skip
-@click.option(
-    *("--from", "logs"), multiple=True, type=click.Path(path_type=Path), metavar="LOG ...",
-    help="Guess the study from these logs, in place of a template.",
-)  # fmt: skip
+@click.option("--from", "logs", multiple=True, type=click.Path(path_type=Path), help="Guess it from these logs.")
 @click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
+from elastid.base.escape import one_line
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import ChannelGuess, JointGuess, LogGuess, guess_log, signals_of
 from elastid.recorded.files.formats import opened_log
@@ -62,15 +63,15 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
-    content = [*_head("responses", first), *_responses(guess, clock, drives), text, *_files(paths, guess.joints)]
-    # Means of periods need as many experiments as inputs.
-    is_periodic = not any("period: none" in line for line in content)
-    if not is_periodic or len(guess.joints) > 1:
+    period = _period(drives)
+    files = [text, *_files(paths, guess.joints)]
+    content = [*_head("responses", first), *_responses(guess, clock, period), *files]
+    if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined(content)}
 
 
-def _joined(lines: Sequence[str]) -> str:
+def _joined(lines: Iterable[str]) -> str:
     return "\n".join(filter(None, lines)) + "\n"
 
 
@@ -97,7 +98,8 @@ def _clock(log: Log) -> Clock:
 
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
-    yield f"# Written by `elastid new --from` from {first.name}: what it could not know is marked `guessed`. Check these lines,"
+    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
+    yield "# `guessed`, with the reason: correct them where you know better. Then"
     yield "#   elastid check study.yml"
     yield "#   elastid run study.yml"
     yield f"name: {kind}"
@@ -115,12 +117,12 @@ def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
         yield _channel("y", f"motor {i}", joint.motion)
 
 
-def _responses(guess: LogGuess, clock: Clock, drives: FloatArray) -> Iterator[str]:
+def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:
     yield "experiment:"
     yield "  configurations: {bench: []} # guessed: all logs are of one state of the structure"
     yield "  recorded:"
     yield from _rate(clock)
-    yield from _period(drives)
+    yield from period
     yield "    channels: # places are names of your choice"
     motions = dict.fromkeys(joint.motion for joint in guess.joints)
     for joint in guess.joints:
@@ -136,39 +138,33 @@ def _rate(clock: Clock) -> Iterator[str]:
         yield f"    time: {_quoted(clock.time)} # its steps are uneven: samples are brought to rate_hz"
 
 
-def _period(drives: FloatArray) -> Iterator[str]:
+def _period(drives: FloatArray) -> list[str]:
     best, n = find_period(drives), len(drives)
     if best.best_samples:
-        samples = (
-            round(best.best_samples) if abs(best.best_samples - round(best.best_samples)) < 0.1 else best.best_samples
-        )
-        yield f"    period_samples: {samples:.8g} # guessed: the drives repeat (correlation {best.best_correlation:.3f})"
-    elif n % 2 == 0 and repetition(drives, n // 2, sign=-1).is_as_stated:
-        yield f"    period_samples: {n} # guessed: one period, since its second half is minus the first"
-        yield "    half_wave: true"
-    else:
-        yield "    period: none # guessed: the drives do not repeat"
+        # Within a tenth of a sample the generator's clock is that of the log.
+        N = round(best.best_samples)
+        samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
+        why = f"the drives repeat (correlation {best.best_correlation:.3f})"
+        return [f"    period_samples: {samples:.8g} # guessed: {why}"]
+    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).is_as_stated:
+        why = "one period, since its second half is minus the first"
+        return [f"    period_samples: {n} # guessed: {why}", "    half_wave: true"]
+    return ["    period: none # guessed: the drives do not repeat"]
 
 
 def _channel(role: str, place: str, guess: ChannelGuess, of_robot: bool = False) -> str:
-    keys, quantity, why = (
-        [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"],
-        guess.quantity,
-        guess.why,
-    )
-    if guess.column is not None:
-        keys.append(f"column: {guess.column}")
-    unit = guess.unit or _DRIVE_UNIT.get(quantity, "")
-    if of_robot and quantity == "voltage":
-        quantity, unit, why = "torque", "N*m", f"{why} a voltage; give the N*m of a volt as scale"
-    if of_robot and quantity == "force":
-        quantity, unit, why = "torque", "N*m", f"{why} a force; where the joint slides, motion: translation and N"
-    if of_robot and quantity == "current":
-        why = f"{why}; torque_constant is that of your motor's data sheet"
+    quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
+    keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
+    keys += [f"column: {guess.column}"] if guess.column is not None else []
+    if of_robot and quantity in ("voltage", "force"):
+        why = f"{why} a {quantity}; give scale, the N*m of a {unit}, or motion: translation where the joint slides"
+        quantity, unit = "torque", "N*m"
     keys += [f"quantity: {quantity}", f"unit: {unit}"]
-    keys += ["torque_constant: 1 N*m/A"] if of_robot and quantity == "current" else []
+    if of_robot and quantity == "current":
+        keys.append("torque_constant: 1 N*m/A")
+        why = f"{why}; torque_constant is that of your motor's data sheet"
     keys += ["sign: -1"] if guess.sign < 0 else []
-    return f"      - {{{', '.join(keys)}}} # guessed: {why}"
+    return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
 def _files(paths: Sequence[str], joints: Sequence[JointGuess]) -> Iterator[str]:
@@ -180,17 +176,20 @@ def _files(paths: Sequence[str], joints: Sequence[JointGuess]) -> Iterator[str]:
 
 def _robot(guess: LogGuess) -> Iterator[str]:
     has_gravity = any(joint.has_gravity for joint in guess.joints)
-    yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where they are known."
+    change = "change" if has_gravity else "do not change"
+    yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where known."
     yield "name: robot of the logs"
-    yield f"gravity: [0, 0, {'-9.81' if has_gravity else '0'}] # guessed: torques {'' if has_gravity else 'do not '}change as cosines"
+    yield f"gravity: [0, 0, {'-9.81' if has_gravity else '0'}] # guessed: torques {change} as a cosine of the angle"
     yield "bodies:"
     for i, joint in enumerate(guess.joints, start=1):
-        inertia = max(joint.relation.inertia, 1e-6)
+        half = 0.5 * max(joint.relation.inertia, 1e-6)
         yield f"  - name: body {i}"
         yield "    parent: base"
         yield "    joints:"
-        yield f"      - {{name: {i}, axis: y, motor: {{inertia: {0.5 * inertia:.3g}, ratio: 1}}}} # guessed"
-        yield f"    mass: 1\n    center_of_mass: [0.1, 0, 0]\n    inertia: {0.5 * inertia:.3g} # guessed: half of what the torque shows"
+        yield f"      - {{name: {i}, axis: y, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
+        yield "    mass: 1"
+        yield "    center_of_mass: [0.1, 0, 0]"
+        yield f"    inertia: {half:.3g} # guessed: half of what the torque shows"
 
 
 def _quoted(text: str) -> str:

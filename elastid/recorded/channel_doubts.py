@@ -78,7 +78,7 @@ class JointSignals:
 
     def order(self, i: int) -> int:
         """The derivative of the position that a motion is, as stated."""
-        return MOTIONS.index(self.channels[i].quantity)  # type: ignore[arg-type]
+        return MOTIONS.index(self.channels[i].quantity)
 
     def relation(
         self, i: int, order: int | None = None, torque: int | None = None, turns: bool = True

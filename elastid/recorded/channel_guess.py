@@ -185,7 +185,7 @@ def _joint(
 
     def relation(motion: ChannelGuess, turns: bool = True) -> TorqueRelation:
         y = values[motion.name, motion.column] * TABLE[motion.unit][1]
-        return torque_relation(u, y, MOTIONS.index(motion.quantity), rate_hz, turns)  # type: ignore[arg-type]
+        return torque_relation(u, y, MOTIONS.index(motion.quantity), rate_hz, turns)
 
     relations = [relation(motion) for motion in motions] or [NO_RELATION]
     k = int(np.argmax([r.explained + 0.3 * (j == i) for j, r in enumerate(relations)]))

@@ -123,8 +123,7 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
 
 def travel(x: FloatArray) -> float:
     """The range of a signal (n,), single spikes left out."""
-    low, high = np.percentile(x, (0.1, 99.9))
-    return float(high - low)
+    return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))
 
 
 def nearest_factor(gain: float, factors: Sequence[tuple[float, str]], tolerance: float) -> str:

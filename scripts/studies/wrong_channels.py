@@ -1,4 +1,4 @@
-"""How many mistakes about the channels of a log does `elastid check` report, and how often does it report none there is?
+"""Which mistakes about the channels of a log does `elastid check` report, and how often is it wrong?
 
     python scripts/studies/wrong_channels.py [--quick] [--rigs 300] [--seed 0]
 

@@ -145,7 +145,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         steps = np.diff(time_of(log, name))
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        rates = {unit: (1 / (s * np.mean(steps)), 1 / (s * np.median(steps))) for unit, s in TIME_UNITS.items()}
+        mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
+        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
         if recorded.time and rates["s"][0] < 0.7 * rate_hz:
             advice = "the time must be in s" if rates["ms"][0] > 0.5 * rate_hz else "lower rate_hz to that"
             yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz, if it is in s; {advice}")
