@@ -29,7 +29,7 @@ from elastid.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class DoubtLimits:
-    """Limits of doubts about channels.  False alarms of 300 clean logs: channels 0."""
+    """Limits of doubts about channels.  In scripts/studies/wrong_channels.py 150 clean logs raise none."""
 
     # Correlation of two motions that are one, and of one with the other as another quantity than stated.
     min_correlation: float = 0.98

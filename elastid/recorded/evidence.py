@@ -77,7 +77,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
             (derivative(a, common + max(order, 0), rate_hz, s), derivative(b, common + max(-order, 0), rate_hz, s))
             for s in widths(len(a))
         ]
-        results = [(_correlation(x, y), float(np.std(y) / max(np.std(x), 1e-300))) for x, y in pairs]
+        results = [(_correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
         rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
         yield MotionRelation(order, float(np.sign(rho)) * size, rho)
 
