@@ -113,7 +113,7 @@ def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
     yield from _rate(clock)
     yield "    channels:"
     for i, joint in enumerate(guess.joints, start=1):
-        yield _channel("u", f"motor {i}", joint.torque, of_robot=True)
+        yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {i}", joint.motion)
 
 
@@ -124,10 +124,10 @@ def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator
     yield from _rate(clock)
     yield from period
     yield "    channels: # places are names of your choice"
-    motions = dict.fromkeys(joint.motion for joint in guess.joints)
+    motions = {joint.motion.place: joint.motion for joint in guess.joints}
     for joint in guess.joints:
         yield _channel("u", joint.torque.place, joint.torque)
-    for motion in (*motions, *guess.further):
+    for motion in (*motions.values(), *guess.further):
         yield _channel("y", motion.place, motion)
 
 
@@ -152,13 +152,15 @@ def _period(drives: FloatArray) -> list[str]:
     return ["    period: none # guessed: the drives do not repeat"]
 
 
-def _channel(role: str, place: str, guess: ChannelGuess, of_robot: bool = False) -> str:
+def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
+    """A line of the list.  of_robot: torque or force, which a drive of a robot is taken for."""
     quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
     keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
     keys += [f"column: {guess.column}"] if guess.column is not None else []
-    if of_robot and quantity in ("voltage", "force"):
-        why = f"{why} a {quantity}; give scale, the N*m of a {unit}, or motion: translation where the joint slides"
-        quantity, unit = "torque", "N*m"
+    if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
+        other = _DRIVE_UNIT[of_robot]
+        why = f"{why} a {quantity}; scale is the {other} of one {unit}"
+        quantity, unit = of_robot, other
     keys += [f"quantity: {quantity}", f"unit: {unit}"]
     if of_robot and quantity == "current":
         keys.append("torque_constant: 1 N*m/A")
@@ -186,7 +188,8 @@ def _robot(guess: LogGuess) -> Iterator[str]:
         yield f"  - name: body {i}"
         yield "    parent: base"
         yield "    joints:"
-        yield f"      - {{name: {i}, axis: y, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
+        motion = "motion: translation, axis: x" if joint.slides else "axis: y"
+        yield f"      - {{name: {i}, {motion}, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
         yield "    mass: 1"
         yield "    center_of_mass: [0.1, 0, 0]"
         yield f"    inertia: {half:.3g} # guessed: half of what the torque shows"

@@ -97,7 +97,8 @@ class JointSignals:
     def is_plausible(self, relation: TorqueRelation) -> bool:
         """True if inertia and friction are positive, and the inertia is not far from the motor's."""
         is_positive = relation.inertial > LIMITS.max_inertial and relation.dissipated > -LIMITS.max_inertial
-        return is_positive and 1 / 3 < relation.inertia / self.motor_inertia < LIMITS.max_inertia_ratio
+        least = self.motor_inertia
+        return is_positive and least / 3 < relation.inertia < LIMITS.max_inertia_ratio * least
 
     @cached_property
     def driving(self) -> int | None:
@@ -222,10 +223,11 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
     first, second = (f"{joint.channels[i].quantity} {joint.channels[i].name_in_file}" for i in (a, b))
     if abs(stated.correlation) < LIMITS.max_stated_correlation and abs(best.correlation) > LIMITS.min_correlation:
         i, quantity = _misnamed(joint, a, b, best.order)
-        text = f"{first} and {second} are as a motion and its {best.order}. derivative" if best.order else "are alike"
-        if best.order == 0:
-            text = f"{first} and {second} are one motion (correlation {best.correlation:.3f})"
-        yield Doubt(i, "quantity", f"{text}; {joint.channels[i].name_in_file} seems to be quantity: {quantity}")
+        text = (
+            f"{second} is proportional to the derivative of order {best.order} of {first} (correlation "
+            f"{best.correlation:.3f}); {joint.channels[i].name_in_file} seems to be quantity: {quantity}"
+        )
+        yield Doubt(i, "quantity", text)
     elif abs(stated.correlation) < LIMITS.min_correlation:  # a weak doubt
         return
     elif abs(np.log(gain)) > LIMITS.max_gain:
@@ -238,7 +240,8 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
         elif stated.order > 0:
             yield Doubt(None, f"{gain ** (1 / stated.order):.6g}", text)
     elif stated.gain < 0:
-        i = next((i for i in (a, b) if _is_against(joint, i)), b)
+        has_torque = joint.torque is not None
+        i = next((i for i in (a, b) if has_torque and joint.relation(i).is_against_motion), b)
         text = f"{first} and {second} of joint {joint.joint.name} have opposite signs (correlation "
         yield Doubt(i, "sign", f"{text}{stated.correlation:.3f}); give one of them sign: -1")
 
@@ -252,10 +255,6 @@ def _misnamed(joint: JointSignals, a: int, b: int, order: int) -> tuple[int, str
         choices.sort(key=lambda choice: -joint.relation(*choice).inertial)
     i, k = choices[0] if choices else (b, joint.order(b))
     return i, MOTIONS[k]
-
-
-def _is_against(joint: JointSignals, i: int) -> bool:
-    return joint.torque is not None and joint.relation(i).is_against_motion
 
 
 def _rate(doubts: Sequence[Doubt], rate_hz: float) -> Iterator[Doubt]:

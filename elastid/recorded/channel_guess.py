@@ -74,6 +74,11 @@ class JointGuess:
     relation: TorqueRelation
     has_gravity: bool
 
+    @property
+    def slides(self) -> bool:
+        """True if the unit of the motion is that of a translation."""
+        return TABLE[self.motion.unit][0].startswith("m")
+
 
 @dataclass(frozen=True)
 class LogGuess:

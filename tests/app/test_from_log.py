@@ -64,6 +64,19 @@ def test_periodic_logs_become_a_study_of_responses(tmp_path: Path) -> None:
     assert len(recorded.files) == 4
 
 
+def test_millimetres_are_of_a_joint_that_slides(tmp_path: Path) -> None:
+    """And a voltage of its drive counts as a force, which the line says."""
+    t = np.arange(4000) / 200
+    q, v, a = (sum(0.05 * w**m * np.sin(w * t + m * np.pi / 2) for w in (0.9, 2.3, 3.1)) for m in range(3))
+    rows = np.stack([t, 2 * a + 5 * v + np.sign(v), 1000 * q], axis=1)
+    np.savetxt(tmp_path / "log.csv", rows, "%.8g", ",", header="t,voltage,pos_mm", comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 0
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    assert study.as_robot().driven[0].slides
+    assert [c.quantity for c in study.experiment.channels] == ["force", "position"]
+    assert "scale is the N of one V" in (tmp_path / "new" / "study.yml").read_text()
+
+
 def test_logs_without_the_option_and_a_full_folder_are_refused(
     motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
