@@ -209,7 +209,8 @@ def _of_another(joint: JointSignals, a: int, b: int, joints: Sequence[JointSigna
             x, y = sorted((i, z), key=joint.order)
             relations = motion_relations(joint.signals[:, x], joint.signals[:, y], joint.rate_hz)
             stated = next(r for r in relations if r.order == joint.order(y) - joint.order(x))
-            if stated.correlation > LIMITS.min_correlation:
+            is_one = stated.correlation > LIMITS.min_correlation and abs(np.log(stated.gain)) < LIMITS.max_gain
+            if is_one:
                 text = (
                     f"{joint.channels[i].name_in_file} moves as {joint.channels[z].name_in_file} of joint "
                     f"{other.joint.name} does (correlation {stated.correlation:.3f}); check the order of the channels"
@@ -274,7 +275,10 @@ def _order(joints: Sequence[JointSignals]) -> Iterator[Doubt]:
     )
     for i, j in enumerate(explained.argmax(axis=1) if driven else ()):
         own, other = float(explained[i, i]), float(explained[i, j])
-        if i != j and own < LIMITS.max_stated and other > max(LIMITS.min_explained, own + LIMITS.min_explained_gain):
+        # A joint at rest bears what the motion of another one, which explains its own torque, puts on it.
+        is_taken = float(explained[j, j]) > other - LIMITS.min_explained_gain
+        needed = max(LIMITS.min_explained, own + LIMITS.min_explained_gain)
+        if i != j and not is_taken and own < LIMITS.max_stated and other > needed:
             channel, name = driven[i].torque, driven[j].joint.name
             assert channel is not None, "joints without torque are left out"
             text = (

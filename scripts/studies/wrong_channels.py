@@ -1,4 +1,4 @@
-"""Which mistakes about the channels of a log does `elastid check` report, and how often is it wrong?
+"""Mistakes about the channels of a log that `elastid check` reports, and its false reports on logs without one.
 
     python scripts/studies/wrong_channels.py [--quick] [--rigs 150] [--seed 0]
 
