@@ -11,7 +11,7 @@ time, period, length, units, side, quantity, sign and order.
 
 The last line is one JSON object: mistakes reported, and clean logs with a false report.
 
-150 rigs: no false report, and 159 of 167 mistakes reported. Missed are the unit and the quantity of a motor's angle
+150 rigs: no false report, and 160 of 167 mistakes reported. Missed are the unit and the quantity of a motor's angle
 that is the only motion of its joint, where inertia is a small part of the torque.
 """
 
