@@ -138,19 +138,19 @@ def demo(**options: Any) -> None:
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
-    "--template",
+    "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
-    default="serial",
-    show_default=True,
-)
-def new(folder: Path, template: str) -> None:
+)  # fmt: skip
+@click.option("--from", "logs", multiple=True, type=click.Path(path_type=Path), help="Guess it from these logs.")
+@click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
+def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder.
 
     Templates recorded and frf (responses and their peaks, without a robot) come with a small simulated log in logs/.
     """
     from elastid.app import scaffold
 
-    study = scaffold.new(folder, template)
+    study = scaffold.new_from_logs(folder, logs, more) if logs or more else scaffold.new(folder, template)
     click.echo(f"{printable(str(study))} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
 
 
@@ -158,11 +158,11 @@ def new(folder: Path, template: str) -> None:
 @_study
 @_options("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
-    """Show all errors of a study with file, line and column, else a summary of the study and its stages."""
+    """Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."""
     from elastid.app.overview import overview
-    from elastid.study import load
+    from elastid.study import load_with_logs
 
-    click.echo(printable(overview(load(study, overrides).study)))
+    click.echo(printable(overview(load_with_logs(study, overrides).study)))
 
 
 def add_stage_commands(group: click.Group) -> None:

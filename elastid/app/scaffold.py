@@ -25,12 +25,30 @@ def new(folder: Path, template: str) -> Path:
 
     Raises StudyError where the folder holds anything already.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
+    _check_new(folder)
     study = _write_template(folder, template)
     if template in EXAMPLE_LOGS:
         EXAMPLE_LOGS[template](folder)
     return study
+
+
+def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ()) -> Path:
+    """A new folder with a study of logs, guessed, its robot where it needs one, and the schema; the study's path.
+
+    more: those behind the first `--from`.  Raises StudyError where there is none such, or the folder holds anything
+    already, and what `texts_from_logs` raises.
+    """
+    from elastid.app.from_log import texts_from_logs
+
+    if not logs:
+        raise StudyError(f"a study has one folder; where {more[0]} is a log write --from before it")
+    _check_new(folder)
+    return _write(folder, texts_from_logs(folder, (*logs, *more)))
+
+
+def _check_new(folder: Path) -> None:
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
 
 
 def demo(folder: Path) -> Path:
@@ -39,10 +57,13 @@ def demo(folder: Path) -> Path:
 
 
 def _write_template(folder: Path, template: str) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
     sources = (files("elastid.app") / "templates" / template).iterdir()
-    texts = {source.name: source.read_text(encoding="utf-8") for source in sources}
-    for name, text in (texts | {SCHEMA_NAME: json.dumps(make_schema(), indent=1) + "\n"}).items():
+    return _write(folder, {source.name: source.read_text(encoding="utf-8") for source in sources})
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in ({**texts, SCHEMA_NAME: json.dumps(make_schema(), indent=1) + "\n"}).items():
         if not (folder / name).exists():
             # Not through a link to a file that is yet to be made.
             with open(folder / name, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:

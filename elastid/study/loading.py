@@ -19,6 +19,7 @@ from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.study.checks import check_lines, check_study
+from elastid.study.checks.logs import check_logs
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
@@ -153,8 +154,18 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
 
     Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
-    path = Path(path)
-    overrides = (overrides,) if isinstance(overrides, str) else tuple(overrides)
+    return _load(Path(path), (overrides,) if isinstance(overrides, str) else tuple(overrides))[0]
+
+
+def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
+    """The same with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
+    loaded, source = _load(Path(path), tuple(overrides))
+    if problems := list(check_logs(loaded.study, loaded.base)):
+        raise make_error(source, problems)
+    return loaded
+
+
+def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSource]:
     source, robot_errors = _read(path, overrides)
     study, problems = validate(source.data, Study)
     if problems or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
@@ -164,7 +175,7 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     problems = [*check_study(study, path.parent), *unresolved]
     if problems := problems or list(check_lines(study)):
         raise make_error(source, problems)
-    return LoadedStudy(study, path, source.text, overrides)
+    return LoadedStudy(study, path, source.text, overrides), source
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:

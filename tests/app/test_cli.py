@@ -115,7 +115,10 @@ def test_help_lists_the_commands_in_the_order_of_the_work(capsys: pytest.Capture
     assert names[:6] == ["demo", "new", "check", "design", "measure", "estimate"]
     assert names.index("report") < names.index("run") < names.index("export") < names.index("inspect")
     text = " ".join(" ".join(lines).split())
-    assert "Show all errors of a study with file, line and column, else a summary of the study and its stages." in text
+    said = (
+        "Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."
+    )
+    assert said in text
 
 
 @pytest.mark.parametrize("command", [[], *[[c] for c in [*STAGES, "run", "demo", "new", "check", "inspect", "schema"]]])

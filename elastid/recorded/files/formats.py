@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -104,6 +104,15 @@ def read_channels(
     """
     with opened_log(path, text) as log:
         return log.values(channels, part) if isinstance(log, ArrayLog) else log.values(channels)[part]
+
+
+def values_of(log: Log, channels: Sequence[ChannelSpec], first: int, end: int) -> FloatArray:
+    """Values (n, c) of samples of an open log, no more of which is read or understood than its format needs."""
+    if isinstance(log, ArrayLog):
+        return log.values(channels, slice(first, end))
+    if isinstance(log, text.TextLog):
+        log = replace(log, number_lines=log.number_lines[: log.first + log.format.interleaved * end])
+    return log.values(channels)[first:end]
 
 
 @contextmanager

@@ -1,0 +1,200 @@
+"""`elastid new DIR --from LOG`: a commented study of logs, and a robot where friction is to be found, that run at once.
+
+Everything that is not in the logs is guessed, and marked so with its reason.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.escape import one_line
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.channel_guess import ChannelGuess, JointGuess, LogGuess, guess_log, signals_of
+from elastid.recorded.files.formats import opened_log
+from elastid.recorded.files.log import ArrayLog, Log
+from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.periodicity import find_period, repetition
+from elastid.recorded.repair.time_stamps import even_grid
+from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
+
+_MAX_SAMPLES = 1 << 18
+_RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
+_RATE_RANGE_HZ = (20.0, 200e3)  # of logs of machines
+_DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The rate of a log in Hz, None where nothing shows it; the name of its time where samples lie unevenly."""
+
+    rate_hz: float | None
+    why: str
+    time: str = ""
+
+
+def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
+    """The files of a new study in a folder, by name, guessed from the first of the logs.
+
+    Raises StudyError or DataError for a log that cannot be read, or in which nothing moves.
+    """
+    first = logs[0]
+    form = TextFormatSpec() if first.is_dir() else guess_format(first)
+    with opened_log(first, form) as log:
+        clock, signals, is_text = _clock(log), signals_of(log, _MAX_SAMPLES), isinstance(log, TextLog)
+    signals = [(guess, x) for guess, x in signals if not is_time(guess.name)]
+    guess = guess_log(signals, clock.rate_hz or 1.0)
+    if guess is None:
+        raise DataError(
+            f"{first}: no two signals of one length change in it; `elastid inspect {first}` shows its content"
+        )
+    paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
+    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
+    if guess.is_motion and clock.rate_hz is not None:
+        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, ())]
+        return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
+    driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
+    drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
+    period = _period(drives)
+    files = [text, *_files(paths, guess.joints)]
+    content = [*_head("responses", first), *_responses(guess, clock, period), *files]
+    if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
+        content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
+    return {"study.yml": _joined(content)}
+
+
+def _joined(lines: Iterable[str]) -> str:
+    return "\n".join(filter(None, lines)) + "\n"
+
+
+def _clock(log: Log) -> Clock:
+    shapes = log.shapes()
+    for name in filter(is_time, shapes):
+        t = np.asarray(time_of(log, name))
+        if len(t) > 2 and np.all(np.diff(t) > 0):
+            usual = 1 / float(np.median(np.diff(t)))
+            low, high = _RATE_RANGE_HZ
+            unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
+            grid = even_grid(t - t[0])
+            rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
+            uneven = name if unit == "s" and (grid is None or len(grid[0]) <= grid[0][-1]) else ""
+            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", uneven)
+    arrays = log.arrays if isinstance(log, ArrayLog) else {}
+    for name, array in arrays.items():
+        if array.rate_hz:
+            return Clock(array.rate_hz, "stated by the file")
+        if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
+            return Clock(float(np.squeeze(np.asarray(array))), f"{name} in the file")
+    return Clock(None, "no time is in the log")
+
+
+def _head(kind: str, first: Path) -> Iterator[str]:
+    yield "# yaml-language-server: $schema=study.schema.json"
+    yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
+    yield "# `guessed`, with the reason: correct them where you know better. Then"
+    yield "#   elastid check study.yml"
+    yield "#   elastid run study.yml"
+    yield f"name: {kind}"
+
+
+def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
+    yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
+    yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
+    yield "experiment:"
+    yield "  recorded:"
+    yield from _rate(clock)
+    yield "    channels:"
+    for i, joint in enumerate(guess.joints, start=1):
+        yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
+        yield _channel("y", f"motor {i}", joint.motion)
+
+
+def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:
+    yield "experiment:"
+    yield "  configurations: {bench: []} # guessed: all logs are of one state of the structure"
+    yield "  recorded:"
+    yield from _rate(clock)
+    yield from period
+    yield "    channels: # places are names of your choice"
+    motions = {joint.motion.place: joint.motion for joint in guess.joints}
+    for joint in guess.joints:
+        yield _channel("u", joint.torque.place, joint.torque)
+    for motion in (*motions.values(), *guess.further):
+        yield _channel("y", motion.place, motion)
+
+
+def _rate(clock: Clock) -> Iterator[str]:
+    rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
+    yield f"    rate_hz: {rate} # guessed: {clock.why}"
+    if clock.time:
+        yield f"    time: {_quoted(clock.time)} # its steps are uneven: samples are brought to rate_hz"
+
+
+def _period(drives: FloatArray) -> list[str]:
+    best, n = find_period(drives), len(drives)
+    if best.best_samples:
+        # Within a tenth of a sample the generator's clock is that of the log.
+        N = round(best.best_samples)
+        samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
+        why = f"the drives repeat (correlation {best.best_correlation:.3f})"
+        return [f"    period_samples: {samples:.8g} # guessed: {why}"]
+    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).is_as_stated:
+        why = "one period, since its second half is minus the first"
+        return [f"    period_samples: {n} # guessed: {why}", "    half_wave: true"]
+    return ["    period: none # guessed: the drives do not repeat"]
+
+
+def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
+    """A line of the list.  of_robot: torque or force, which a drive of a robot is taken for."""
+    quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
+    keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
+    keys += [f"column: {guess.column}"] if guess.column is not None else []
+    if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
+        other = _DRIVE_UNIT[of_robot]
+        why = f"{why} a {quantity}; scale is the {other} of one {unit}"
+        quantity, unit = of_robot, other
+    keys += [f"quantity: {quantity}", f"unit: {unit}"]
+    if of_robot and quantity == "current":
+        keys.append("torque_constant: 1 N*m/A")
+        why = f"{why}; torque_constant is that of your motor's data sheet"
+    keys += ["sign: -1"] if guess.sign < 0 else []
+    return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
+
+
+def _files(paths: Sequence[str], joints: Sequence[JointGuess]) -> Iterator[str]:
+    of_structure = ", configuration: bench, realisation: {}" if joints else ""
+    yield "    files:" + (" # guessed: each with other random phases" if joints and len(paths) > 1 else "")
+    for i, path in enumerate(paths):
+        yield f"      - {{path: {_quoted(path)}{of_structure.format(i)}}}"
+
+
+def _robot(guess: LogGuess) -> Iterator[str]:
+    has_gravity = any(joint.has_gravity for joint in guess.joints)
+    change = "change" if has_gravity else "do not change"
+    yield "# A robot to start from: each joint alone on the base. Give geometry, ratios and inertias where known."
+    yield "name: robot of the logs"
+    yield f"gravity: [0, 0, {'-9.81' if has_gravity else '0'}] # guessed: torques {change} as a cosine of the angle"
+    yield "bodies:"
+    for i, joint in enumerate(guess.joints, start=1):
+        half = 0.5 * max(joint.relation.inertia, 1e-6)
+        yield f"  - name: body {i}"
+        yield "    parent: base"
+        yield "    joints:"
+        motion = "motion: translation, axis: x" if joint.slides else "axis: y"
+        yield f"      - {{name: {i}, {motion}, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
+        yield "    mass: 1"
+        yield "    center_of_mass: [0.1, 0, 0]"
+        yield f"    inertia: {half:.3g} # guessed: half of what the torque shows"
+
+
+def _quoted(text: str) -> str:
+    """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
+    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text)

@@ -1,0 +1,210 @@
+"""Guesses of the channels of a log: quantity and unit by name, joint, sign and unit by kinematics and Newton's law."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.units import TABLE, of_translation
+from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
+from elastid.recorded.evidence import NO_RELATION, TorqueRelation, motion_relations, torque_relation, travel
+from elastid.recorded.files.formats import values_of
+from elastid.recorded.files.log import ArrayLog, Log
+
+DRIVES = ("torque", "force", "current", "voltage")
+# In the order in which they are tried: the spelling of a unit within a name, its quantity, and the unit of a study.
+_UNITS = (
+    (r"rad(/|_?per_?|_)s(ec)?(\^?2|²)", "acceleration", "rad/s^2"), (r"deg(/|_?per_?|_)s(ec)?(\^?2|²)", "acceleration",
+    "deg/s^2"), (r"m(/|_?per_?)s(\^?2|²)", "acceleration", "m/s^2"), (r"rad(/|_?per_?|_)s", "velocity", "rad/s"),
+    (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
+    "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
+    (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
+)  # fmt: skip
+_WORDS = {
+    "temperature": r"temp.*", "torque": r"torques?|tau|trq|moment|efforts?|drehmoment",
+    "force": r"forces?|kraft|f", "current": r"currents?|curr|strom|iq|i", "voltage": r"volt.*|vir|vdc",
+    "acceleration": r"acc.*|qdd|ddq|beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|geschw.*",
+    "position": r"pos.*|angles?|theta|phi|winkel|enc.*|q|qm|qg|x|lage",
+}  # fmt: skip
+_MEASURED = r"act|actual|meas|measured|ist|adx?|fb|mot|motor|qm"
+_NOT_MEASURED = r"ref.*|cmd|command|des|desired|soll|set|target|ff|err.*|rel|model|init|kin|dyn|traj|qg|simple"
+_MIN_SAMPLES = 100  # of a log
+_MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
+
+
+@dataclass(frozen=True)
+class ChannelGuess:
+    """One signal, its quantity and its unit (empty where unknown), and the reasons.
+
+    rank: how much its name speaks for a measured signal.  confidence: from 0 to 1.  sign: against its torque.
+    """
+
+    name: str
+    column: int | None
+    quantity: str
+    unit: str
+    rank: int
+    confidence: float
+    why: str
+    sign: int = 1
+
+    @property
+    def family(self) -> str:
+        """The name without numbers, which the channels of several joints share."""
+        return re.sub(r"\d+", "#", self.name)
+
+    @property
+    def place(self) -> str:
+        """The name of a place in a study without a robot."""
+        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", self.name).strip(), str(self.column or ""))))
+
+
+@dataclass(frozen=True)
+class JointGuess:
+    """A torque, the motion at its motor, how the second explains the first, and if gravity takes part in that."""
+
+    torque: ChannelGuess
+    motion: ChannelGuess
+    relation: TorqueRelation
+    has_gravity: bool
+
+    @property
+    def slides(self) -> bool:
+        """True if the unit of the motion is that of a translation."""
+        return TABLE[self.motion.unit][0].startswith("m")
+
+
+@dataclass(frozen=True)
+class LogGuess:
+    """The joints or inputs and outputs of a log.  is_motion: they move as robots do, so that friction can be found."""
+
+    joints: tuple[JointGuess, ...]
+    further: tuple[ChannelGuess, ...]
+    is_motion: bool
+
+
+def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess:
+    """The guess of a channel by its name and the unit that its file states."""
+    split = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+    lower, words = split.lower(), [w for w in re.split(r"[^a-z°]+", split.lower()) if w]
+    rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
+    spelt = [(q, u) for spelling, q, u in _UNITS if re.search(rf"(?<![a-z]){spelling}(?![a-z])", lower)]
+    if unit in TABLE:
+        stated = [q for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
+        spelt = [(q, unit) for q in stated] or spelt
+    if spelt:
+        return ChannelGuess(name, column, *spelt[0], rank, 0.95, f"the unit {spelt[0][1]} is stated")
+    for quantity, pattern in _WORDS.items():
+        if any(re.fullmatch(pattern, word) for word in words):
+            return ChannelGuess(name, column, quantity, "", rank, 0.8, "by its name")
+    return ChannelGuess(name, column, "", "", rank, 0.0, "nothing in its name")
+
+
+def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Each signal (n,) of the usual length that changes, matrices by their columns, with the guess by its name."""
+    shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
+    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
+    result = []
+    for name, shape in shapes.items():
+        count = min(shape) if len(shape) > 1 else 1
+        units = log.arrays[name].units if isinstance(log, ArrayLog) else ""
+        for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
+            number = column if count > 1 else None
+            try:
+                x = values_of(log, [ChannelSpec("y", "any", name, number, quantity="position")], 0, most)[:, 0]
+            except DataError:  # words, or two columns with one heading
+                continue
+            if np.isfinite(x).all() and np.ptp(x) > 0:
+                result.append((guess_by_name(name, number, units), x))
+    return result
+
+
+def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
+    """The joints of a log, each a torque and its motion; None where there are no two signals."""
+    values = {(g.name, g.column): x for g, x in signals}
+    drives = _best_family([g for g, _ in signals if g.quantity in DRIVES], DRIVES)
+    motions = _best_family([g for g, _ in signals if g.quantity in MOTIONS], MOTIONS)
+    unnamed = [g for g, _ in signals if g.confidence == 0]
+    if not drives or not motions:
+        if len(unnamed) < 2:
+            return None
+        why = "no name says it: the first column is taken as a torque, the second as an acceleration"
+        drives = [replace(unnamed[0], quantity="torque", confidence=0.1, why=why)]
+        motions = [replace(unnamed[1], quantity="acceleration", unit="rad/s^2", confidence=0.1, why=why)]
+    given = motions[0].quantity
+    velocities = _best_family([g for g, _ in signals if g.quantity == "velocity"], MOTIONS)
+    motions = [_with_unit(m, velocities[i : i + 1], values, rate_hz) for i, m in enumerate(motions)]
+    joints = [_joint(drive, motions, i, values, rate_hz) for i, drive in enumerate(drives)]
+    taken = [joint.motion for joint in joints]
+    others = [_with_unit(g, (), values, rate_hz) for g, _ in signals if g.quantity == given and g.rank >= 0]
+    further = [g for g in others if all((g.name, g.column) != (t.name, t.column) for t in taken)]
+    slow = all(_median_hz(values[j.torque.name, j.torque.column], rate_hz) < _MOTION_HZ for j in joints)
+    return LogGuess(tuple(joints), tuple(further), slow and motions[0].quantity == "position")
+
+
+def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:
+    """The channels of one family: of the first quantity, measured by their names, stated with a unit."""
+    families: dict[str, list[ChannelGuess]] = {}
+    for guess in guesses:
+        families.setdefault(guess.family, []).append(guess)
+
+    def merit(family: Sequence[ChannelGuess]) -> tuple[float, ...]:
+        first = family[0]
+        return (first.rank >= 0, -order.index(first.quantity), first.rank, first.confidence, len(family))
+
+    return max(families.values(), key=merit, default=[])
+
+
+def _with_unit(
+    motion: ChannelGuess, velocities: Sequence[ChannelGuess], values: Mapping[tuple[str, int | None], FloatArray],
+    rate_hz: float,
+) -> ChannelGuess:  # fmt: skip
+    """A motion with a unit: by its velocity's, by its travel, or SI."""
+    if motion.unit:
+        return motion
+    x = values[motion.name, motion.column]
+    for other in velocities if motion.quantity == "position" else ():
+        speed = values[other.name, other.column]
+        relation = next(r for r in motion_relations(x, speed, rate_hz) if r.order == 1)
+        of_speed = TABLE[other.unit][1] if other.unit else 1.0
+        if abs(relation.correlation) > 0.98 and abs(np.log(abs(relation.gain) * of_speed * 180 / np.pi)) < 0.1:
+            return replace(motion, unit="deg", confidence=0.9, why=f"deg by its derivative, {other.name}")
+    if motion.quantity == "position" and travel(x) > 8 * np.pi:
+        return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {travel(x):.3g}")
+    unit = QUANTITY_UNIT[motion.quantity]
+    return replace(motion, unit=unit, confidence=0.5 * motion.confidence, why=f"{motion.why}; {unit} is assumed")
+
+
+def _joint(
+    drive: ChannelGuess, motions: Sequence[ChannelGuess], i: int,
+    values: Mapping[tuple[str, int | None], FloatArray], rate_hz: float,
+) -> JointGuess:  # fmt: skip
+    """The motion of a torque: that of the same number, unless another one explains the torque far better."""
+    u = values[drive.name, drive.column]
+
+    def relation(motion: ChannelGuess, turns: bool = True) -> TorqueRelation:
+        y = values[motion.name, motion.column] * TABLE[motion.unit][1]
+        return torque_relation(u, y, MOTIONS.index(motion.quantity), rate_hz, turns)
+
+    relations = [relation(motion) for motion in motions] or [NO_RELATION]
+    k = int(np.argmax([r.explained + 0.3 * (j == i) for j, r in enumerate(relations)]))
+    best, motion = relations[k], motions[k]
+    plain = relation(motion, turns=False)
+    share = f"it explains {100 * best.explained:.0f} % of {drive.name}"
+    if best.is_against_motion and best.explained > 0.75:
+        motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
+    return JointGuess(
+        drive, replace(motion, why=f"{motion.why}; {share}"), best, best.explained > plain.explained + 0.05
+    )
+
+
+def _median_hz(x: FloatArray, rate_hz: float) -> float:
+    """The frequency below which half of the power of a signal (n,) is."""
+    power = np.cumsum(np.abs(np.fft.rfft(x - x.mean())) ** 2)
+    return float(np.searchsorted(power, 0.5 * power[-1]) * rate_hz / len(x))

@@ -1,0 +1,104 @@
+"""`elastid new DIR --from LOG` writes a study that is accepted and runs, every guess marked."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app import cli
+from elastid.app.scaffold import EXAMPLE_LOGS
+from elastid.study import load_with_logs
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+REAL = {
+    "emps_prismatic_axis/DATA_EMPS.mat": ("friction-recorded", "qm", "rate_hz: 1000"),
+    "kuka_kr300/traj_A.mat": ("friction-recorded", "rec.act_pos_mot_deg", "rate_hz: 250"),
+    "motorbench_two_inertia/MultisineTypeA.mat": ("frf", "theta_mx", "period_samples: 2500"),
+    "daisy_robot_arm/robot_arm_dat.mat": ("frf", "robot_arm_dat", "half_wave: true"),
+}
+
+
+@pytest.fixture
+def motion(tmp_path: Path) -> Path:
+    """A semicolon-separated log of two joints that move slowly, with times in ms and angles in deg."""
+    rate, t = 200.0, np.arange(6000) / 200.0
+    columns = {"time": 1000 * t}
+    for k in range(2):
+        omega = np.array([0.9, 2.1, 3.3]) * (1 + 0.31 * k)
+        q, v, a = (sum(0.2 * w**m * np.sin(w * t + m * np.pi / 2) for w in omega) for m in range(3))
+        noise = 0.1 * np.random.default_rng(k).standard_normal(len(t))
+        columns |= {f"Torque{k + 1} [Nm]": 3 * a + 5 * v + 4 * np.sign(v) + noise, f"Angle{k + 1} [deg]": np.rad2deg(q)}
+    assert len(t) == 30 * rate
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(tmp_path / "motion.csv", rows, "%.8g", ";", header=";".join(columns), comments="")
+    return tmp_path / "motion.csv"
+
+
+@pytest.mark.slow
+def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: Path) -> None:
+    """Coulomb and viscous friction of both joints within 1 %."""
+    folder = tmp_path / "new"
+    assert cli.run_command(["new", str(folder), "--from", str(motion)]) == 0
+    text = (folder / "study.yml").read_text()
+    assert text.count("# guessed: ") >= 6
+    assert cli.run_command(["check", str(folder / "study.yml")]) == 0
+    assert cli.run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q"]) in (0, 3)
+    summary = json.loads((folder / "run" / "summary.json").read_text())
+    numbers = {name: number["value"] for name, number in summary["parameters"].items()}
+    for k in (1, 2):
+        assert numbers[f"Fc_m{k}"] == pytest.approx(4, rel=0.01)
+        assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
+
+
+def test_periodic_logs_become_a_study_of_responses(tmp_path: Path) -> None:
+    """Three masses with two shakers, four logs: inputs, outputs, units of acceleration and period."""
+    EXAMPLE_LOGS["frf"](tmp_path)
+    logs = sorted(map(str, (tmp_path / "logs").glob("*.csv")))
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    recorded = study.experiment.as_recorded()
+    assert [c.channel for c in recorded.channels if c.role == "u"] == ["force_1", "force_3"]
+    assert [c.channel for c in recorded.channels if c.role == "y"] == ["acc_1", "acc_2", "acc_3"]
+    assert recorded.period_of(recorded.files[0]) == 2048
+    assert len(recorded.files) == 4
+
+
+def test_millimetres_are_of_a_joint_that_slides(tmp_path: Path) -> None:
+    """And a voltage of its drive counts as a force, which the line says."""
+    t = np.arange(4000) / 200
+    q, v, a = (sum(0.05 * w**m * np.sin(w * t + m * np.pi / 2) for w in (0.9, 2.3, 3.1)) for m in range(3))
+    rows = np.stack([t, 2 * a + 5 * v + np.sign(v), 1000 * q], axis=1)
+    np.savetxt(tmp_path / "log.csv", rows, "%.8g", ",", header="t,voltage,pos_mm", comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 0
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    assert study.as_robot().driven[0].slides
+    assert [c.quantity for c in study.experiment.channels] == ["force", "position"]
+    assert "scale is the N of one V" in (tmp_path / "new" / "study.yml").read_text()
+
+
+def test_logs_without_the_option_and_a_full_folder_are_refused(
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run_command(["new", str(tmp_path / "new"), str(motion)]) == 2
+    assert "--from" in capsys.readouterr().err
+    assert cli.run_command(["new", str(tmp_path), "--from", str(motion)]) == 2
+    assert "not empty" in capsys.readouterr().err
+
+
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.savetxt(tmp_path / "log.csv", np.ones((500, 2)), delimiter=",", header="tau,q", comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 1
+    assert "no two signals" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the data are in ../shared, which is not here")
+@pytest.mark.parametrize("name", REAL)
+def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) -> None:
+    kind, motion, line = REAL[name]
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(DATA / name)]) == 0
+    assert line in (tmp_path / "new" / "study.yml").read_text()
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    assert study.kind == kind
+    assert motion in [c.channel for c in study.experiment.channels if c.role == "y"]

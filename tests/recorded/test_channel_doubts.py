@@ -1,0 +1,87 @@
+"""Doubts about channels, from arrays: units, sides, quantities, signs; and silence where evidence is weak."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.recorded.channel_doubts import channel_doubts
+from elastid.robot import Body, Joint, Limits, Motor, Robot
+
+RATE, RATIO = 500.0, 50.0
+ROBOT = Robot(
+    "one", (Body("arm", joints=(Joint("1", "z", motor=Motor(1e-3, RATIO)),), inertia=2.0),), gravity=(0, 0, 0)
+)
+U = ChannelSpec("u", "motor 1", "tau")
+Q = ChannelSpec("y", "motor 1", "q", quantity="position")
+LINK = ChannelSpec("y", "joint 1", "link", quantity="position")
+
+
+def signals() -> np.ndarray:
+    """Torque, motor and link position (n, 3) of a joint of 4.5 kg*m^2 that moves as three sines."""
+    t = np.arange(8000) / RATE
+    omega = np.array([1.1, 2.9, 7.3])
+    q, v, a = (sum(0.2 / w * w**k * np.sin(w * t + w + k * np.pi / 2) for w in omega) for k in range(3))
+    noise = np.random.default_rng(3).standard_normal((2, len(t)))
+    return np.stack([4.5 * a + 6 * v + 3 * np.sign(v) + 0.05 * noise[0], q, q + 1e-5 * noise[1]], axis=1)
+
+
+def doubts(channels: tuple[ChannelSpec, ...], values: np.ndarray, robot: Robot = ROBOT) -> list[tuple[int | None, str]]:
+    return [(doubt.channel, doubt.key) for doubt in channel_doubts(channels, values, RATE, robot)]
+
+
+def test_right_channels_raise_no_doubt() -> None:
+    assert doubts((U, Q, LINK), signals()) == []
+
+
+@pytest.mark.parametrize(
+    ("factors", "expected"),
+    [
+        ((1, 1, 57.29578), (2, "unit")),
+        ((1, 1, -1), (2, "sign")),
+        ((-1, 1, 1), (0, "sign")),
+        ((1, RATIO, 1), (1, "side")),
+        ((1, 1, 0), (2, "channel")),
+    ],
+)
+def test_a_factor_of_one_channel_is_found(factors: tuple[float, ...], expected: tuple[int, str]) -> None:
+    assert doubts((U, Q, LINK), signals() * np.array(factors)) == [expected]
+
+
+def test_a_scale_that_no_unit_explains_is_no_doubt() -> None:
+    """A sensor that is not calibrated has a gain, which the fit finds."""
+    assert doubts((U, Q, LINK), signals() * np.array([1, 1, 1.6])) == []
+
+
+def test_a_joint_does_not_leave_its_limits() -> None:
+    joint = replace(ROBOT.bodies[0].joints[0], limits=Limits(angle=(-2.0, 2.0)))
+    robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))
+    assert doubts((U, Q), signals()[:, :2], robot) == []
+    assert doubts((U, Q), signals()[:, :2] * np.array([1, 57.3]), robot) == [(1, "unit")]
+
+
+def test_noise_alone_raises_no_doubt() -> None:
+    """Of a joint at rest neither sign nor unit can be seen."""
+    values = np.random.default_rng(5).standard_normal((5000, 3))
+    assert doubts((U, Q, LINK), values) == []
+
+
+def test_a_velocity_is_no_position() -> None:
+    values = signals()
+    values[:, 2] = np.gradient(values[:, 1], 1 / RATE)
+    assert doubts((U, Q, LINK), values) == [(2, "quantity")]
+
+
+def test_a_joint_at_rest_bears_the_motion_of_another_one() -> None:
+    """Its torque is explained by that motion, as is the bend of its gear; no channel is exchanged."""
+    values, rng = signals(), np.random.default_rng(8)
+    arm, fore = ROBOT.bodies[0], replace(ROBOT.bodies[0], name="fore", parent="arm")
+    robot = replace(ROBOT, bodies=(arm, replace(fore, joints=(replace(fore.joints[0], name="2"),))))
+    channels = (U, Q, LINK, replace(U, at="motor 2"), replace(Q, at="motor 2"), replace(LINK, at="joint 2"))
+    load = 30 * np.sin(2 * values[:, 1]) + 0.05 * rng.standard_normal(len(values))
+    held = 1e-6 * rng.standard_normal(len(values))
+    at_rest = np.stack([load, held, held + load / 1e5], axis=1)
+    assert doubts(channels, np.hstack([at_rest, values]), robot) == []
+    exchanged = np.hstack([values, values[::-1]])[:, [3, 1, 2, 0, 4, 5]]
+    assert doubts(channels, exchanged, robot) == [(0, "at"), (3, "at")]
