@@ -179,8 +179,9 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
 
 def _measured_std(parameter: Parameter) -> float:
     """Of a measurement of a tolerated number, in x; infinite for the others."""
-    is_tolerated = parameter.tolerated and parameter.prior is not None
-    return ADVICE.part * parameter.prior.std if is_tolerated else math.inf
+    if parameter.prior is None or not parameter.tolerated:
+        return math.inf
+    return ADVICE.part * parameter.prior.std
 
 
 def _stated(parameter: Parameter, std: float) -> str:

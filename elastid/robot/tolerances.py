@@ -36,7 +36,7 @@ class BodyTolerances:
     center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of its centre of mass.",
         "2 mm where it was balanced on an edge.")] = None
     length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of its joints and "
-        "placement.", "`exact` for a calibrated robot.")] = None
+        "placement.", "`exact` for a link that was measured on a coordinate measuring machine.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

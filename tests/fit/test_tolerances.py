@@ -84,8 +84,8 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
 
 def test_a_file_that_is_exact_gives_the_same_as_none() -> None:
     """To the last bit."""
-    words = dict.fromkeys(("mass", "inertia", "motor_inertia", "center_of_mass", "length"), "exact")
-    exact, none = (fitted(4, each) for each in (Tolerances(**words), None))
+    held = Tolerances(mass="exact", inertia="exact", motor_inertia="exact", center_of_mass="exact", length="exact")
+    exact, none = (fitted(4, each) for each in (held, None))
     np.testing.assert_array_equal(exact.x, none.x)
     np.testing.assert_array_equal(exact.covariance, none.covariance)
 
