@@ -53,6 +53,7 @@ class Parameter:
 
     only: configurations in which it stands in for the parameter `stands_for`; `fm_1@warm` for fm_1 there.
     ratio: it is no number of the model but a factor of ties.
+    tolerated: it was not asked for, and moves within the tolerance of the robot's file alone.
     Raises ValueError where bounds exclude the value or a logarithmic parameter could reach zero.
     """
 
@@ -67,6 +68,7 @@ class Parameter:
     prior: Prior | None = None
     only: tuple[str, ...] = ()
     ratio: bool = False
+    tolerated: bool = False
 
     def __post_init__(self) -> None:
         """Check that value, bounds and scale agree."""
@@ -159,8 +161,13 @@ class ParameterSet:
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
-        """Those with a variable in x, in the order of x."""
-        return tuple(parameter for parameter in self.parameters if parameter.is_free)
+        """Those with a variable in x, in the order of x: those that were asked for, then those within tolerances."""
+        return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.tolerated))
+
+    @property
+    def wanted(self) -> tuple[Parameter, ...]:
+        """The first of `free`: those that were asked for."""
+        return tuple(parameter for parameter in self.free if not parameter.tolerated)
 
     @property
     def free_names(self) -> tuple[str, ...]:

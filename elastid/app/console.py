@@ -174,9 +174,13 @@ def _lines(title: str) -> Progress:
 def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
     """Headings, then a line for each parameter; the truth and the deviation from it where the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
-    table = [_headings("parameter", simulated) + ["off / std"] * simulated]
+    has_parts = any(row.by_file is not None for row in rows)
+    headings = _headings("parameter", simulated)
+    headings[-2:-2] = ["by noise", "by file"] * has_parts
+    table = [headings + ["off / std"] * simulated]
     for row in rows:
         line = _line(row.name, row.unit, row.truth, simulated, row.estimate, row.std, row.interval)
+        line[-2:-2] = [_deviation(std, row.estimate) for std in (row.by_noise, row.by_file) if std is not None]
         line[-1] += " (at bound)" * row.at_bound
         known = row.deviation is not None and math.isfinite(row.deviation)
         table.append(line + [f"{row.deviation:+.1f}" if known else "–"] * simulated)
@@ -200,10 +204,14 @@ def _line(
     name: str, unit: str, truth: float | None, simulated: bool, value: float, std: float, ends: tuple[float, float]
 ) -> list[str]:
     """A number with its truth, standard deviation in percent where it is not zero, and interval, to as many digits."""
-    n, relative = digits(value, std), 100 * std / abs(value) if value else math.inf
-    deviation = f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
-    true = [number(truth)] * simulated
-    return [name, unit, *true, number(value, n), deviation, " to ".join(interval_of(ends, n))]
+    n, true = digits(value, std), [number(truth)] * simulated
+    return [name, unit, *true, number(value, n), _deviation(std, value), " to ".join(interval_of(ends, n))]
+
+
+def _deviation(std: float, value: float) -> str:
+    """A standard deviation in percent of its value where that is not zero."""
+    relative = 100 * std / abs(value) if value else math.inf
+    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
 
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:

@@ -95,11 +95,12 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r = result.parameters.free_names, result.correlation
-    above = np.argwhere(np.triu(np.abs(r), 1) > 0.9)
+    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.wanted)
+    above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(result, "status cost cost_expected dof hits"),
         "parameters": _parameters(result, rows),
+        "tolerated": _tolerated(result),
         "friction": _friction_section(robot, friction),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
@@ -290,7 +291,11 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
 def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
-        | {name: getattr(row, name) for name in ("truth", "contains") if getattr(row, name) not in (None, "")}
+        | {
+            name: getattr(row, name)
+            for name in ("truth", "contains", "by_noise", "by_file")
+            if getattr(row, name) not in (None, "")
+        }
         | {
             name: json_value(ends)
             for name in ("profile95", "bootstrap95")
@@ -298,6 +303,21 @@ def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, di
             if not np.isnan(ends).any()
         }
         for row in rows
+    }
+
+
+def _tolerated(result: FitResult) -> dict[str, dict[str, Any]]:
+    """Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate."""
+    return {
+        p.name: {
+            "value": result.values[p.name],
+            "std": json_value(result.std[p.name]),
+            "unit": p.unit,
+            "file": p.prior.mean,
+            "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
+        }
+        for p in result.parameters.free
+        if p.tolerated and p.prior is not None
     }
 
 

@@ -77,10 +77,10 @@ def _measured(folder: Path, G: FrequencyResponse) -> Path:
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
-    yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
+    yield "parameter", "unit", "value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file"
     for number in known_numbers(model):  # a number that was held has no std, not one of 0
-        known = ("", "", "") if math.isnan(number.std) else (number.std, number.low, number.high)
-        yield number.name, number.unit, number.value, *known
+        stds = (number.std, number.low, number.high, number.by_noise, number.by_file)
+        yield number.name, number.unit, number.value, *("" if math.isnan(std) else std for std in stds)
 
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:

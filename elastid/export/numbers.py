@@ -27,7 +27,8 @@ def c_row(values: Iterable[float]) -> str:
 class KnownNumber:
     """A number of the model in SI with its std and 95 % interval, NaN where it was held or tied.
 
-    name: of the number in the model.  words: its interval, or why there is none.
+    name: of the number in the model.  by_noise, by_file: the parts of std, NaN where the robot's file is exact.
+    words: its interval, or why there is none.
     """
 
     name: str
@@ -37,6 +38,8 @@ class KnownNumber:
     low: float
     high: float
     words: str
+    by_noise: float = math.nan
+    by_file: float = math.nan
 
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
@@ -66,4 +69,9 @@ def _known(result: FitResult, parameter: Parameter) -> KnownNumber:
         return KnownNumber(name, unit, value, math.nan, math.nan, math.nan, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
-    return KnownNumber(name, unit, value, std, low, high, words)
+    if parameter.tolerated:
+        return KnownNumber(name, unit, value, std, low, high, f"within its tolerance, {words}")
+    if not result.has_tolerances:
+        return KnownNumber(name, unit, value, std, low, high, words)
+    noise, file = result.std_by_noise[parameter.name], result.std_by_file[parameter.name]
+    return KnownNumber(name, unit, value, std, low, high, f"{words} (noise {noise:.3g}, file {file:.3g})", noise, file)

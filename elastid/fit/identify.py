@@ -9,6 +9,7 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
@@ -29,6 +30,7 @@ from elastid.fit.problem.weights import check_factors
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
+from elastid.fit.tolerances import measurements_that_help, release
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -61,7 +63,8 @@ def identify(
         optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         result = diagnose(evidence, _notes(assembly, optimum))
-        return add_intervals(result, optimum, spec, execution)
+        result = add_intervals(result, optimum, spec, execution)
+        return replace(result, notes=(*result.notes, *measurements_that_help(result)))
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
 
@@ -104,6 +107,8 @@ def _search(
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
+    if robot.tolerances is not None:
+        assembly, fit, starts = release(assembly, starts, robot)
     return assembly, fit, starts, hits
 
 

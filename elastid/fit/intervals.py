@@ -334,7 +334,8 @@ def choose_profiles(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
     off, free = interval_errors(problem, x, variance, execution), problem.parameters.free_names
-    worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])
+    wanted = len(problem.parameters.wanted)
+    worst = sorted(np.flatnonzero(off[:wanted] > 0.1), key=lambda i: -off[i])
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 

@@ -173,12 +173,15 @@ class FitResult:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
         rows = []
-        for p in self.parameters.free:
+        parts = (self.std_by_noise, self.std_by_file) if self.has_tolerances else ()
+        for p in self.parameters.wanted:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
-            rows.append((p.name, number(values[p.name], places), number(std[p.name], 2), ends, p.unit))
+            stds = [number(each[p.name], 2) for each in (*parts, std)]
+            rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
-        return Display(f"Fit: {self.message}", ("parameter", "value", std_of, "95 % interval", "unit"), rows)
+        headings = ("parameter", "value", *("by noise", "by file")[: len(parts)], std_of, "95 % interval", "unit")
+        return Display(f"Fit: {self.message}", headings, rows)
 
     @property
     def meaning(self) -> str:
@@ -221,6 +224,37 @@ class FitResult:
         free = zip(self.parameters.free, self.x, std_x, strict=True)
         return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
 
+    @property
+    def has_tolerances(self) -> bool:
+        """True if numbers of the robot's file moved within their tolerances."""
+        return len(self.parameters.wanted) < len(self.x)
+
+    @property
+    def std_by_noise(self) -> dict[str, float]:
+        """The part of `std` with the robot's file as exact as it is estimated, of each parameter that was asked for."""
+        return self._part(self._noise_variance)
+
+    @property
+    def std_by_file(self) -> dict[str, float]:
+        """The part of `std` by the tolerances of the robot's file: std^2 = noise^2 + file^2."""
+        noise = self._noise_variance
+        with np.errstate(invalid="ignore"):  # inf - inf of what the data do not reach
+            return self._part(np.nan_to_num(np.diag(self.covariance)[: len(noise)] - noise))
+
+    @property
+    def _noise_variance(self) -> FloatArray:
+        """diag(C_xx - C_xn C_nn^-1 C_nx) (n_wanted,), n the numbers within tolerances."""
+        n, C = len(self.parameters.wanted), self.covariance
+        cross = C[:n, n:]
+        if not np.isfinite(C).all():
+            return np.diag(C)[:n].copy()
+        return np.asarray(np.diag(C)[:n] - np.sum(cross * np.linalg.solve(C[n:, n:], cross.T).T, axis=1))
+
+    def _part(self, variance: FloatArray) -> dict[str, float]:
+        wanted, std = self.parameters.wanted, np.sqrt(np.maximum(variance, 0.0))
+        scale = [math.exp(x) if p.log else 1.0 for p, x in zip(wanted, self.x, strict=False)]
+        return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
+
     def interval(self, name: str) -> tuple[float, float]:
         """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
 
@@ -245,17 +279,22 @@ class FitResult:
         return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
 
     def to_dataframe(self) -> Any:
-        """A `pandas.DataFrame` with a row for each parameter: value, std, low, high, unit, free; SI.
+        """A `pandas.DataFrame` with a row for each parameter: value, by_noise, by_file, std, low, high, unit, free; SI.
 
-        std and the 95 % interval are NaN of a number that was held or tied. ElastidError where pandas is not installed.
+        std and the 95 % interval are NaN of a number that was held or tied, parts of std where the file is exact.
+        ElastidError where pandas is not installed.
         """
         values, std, free = self.values, self.std, self.parameters.free_names
         ends = {name: self.interval(name) for name in free}
-        nan, columns = math.nan, ["value", "std", "low", "high", "unit", "free"]
+        nan, columns = math.nan, ["value", "by_noise", "by_file", "std", "low", "high", "unit", "free"]
+        parts = (self.std_by_noise, self.std_by_file) if self.has_tolerances else ({}, {})
         rows = {
-            p.name: (values[p.name], std.get(p.name, nan), *ends.get(p.name, (nan, nan)), p.unit, p.name in free)
+            p.name: (
+                values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),
+                p.unit, p.name in free,
+            )
             for p in self.parameters
-        }
+        }  # fmt: skip
         return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:

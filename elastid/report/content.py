@@ -150,7 +150,8 @@ class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
-    contains: in words, of a viscous coefficient that may contain dry friction.
+    contains: in words, of a viscous coefficient that may contain dry friction.  by_noise, by_file: the parts of std by
+    noise and by the tolerances of the robot's file; None where the file is exact.
     """
 
     name: str
@@ -164,6 +165,8 @@ class ParameterRow:
     truth: float | None = None
     deviation: float | None = None
     contains: str = ""
+    by_noise: float | None = None
+    by_file: float | None = None
 
     @property
     def reference(self) -> float:
@@ -175,11 +178,12 @@ class ParameterRow:
 def parameter_rows(
     result: FitResult, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
-    """One row for each free parameter, in the order of x; truth and contents (in words) may name only some of them."""
+    """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
     known, estimates, stds = truth or {}, result.values, result.std
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
-    for i, parameter in enumerate(result.parameters.free):
+    parts = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ()
+    for i, parameter in enumerate(result.parameters.wanted):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
         deviation = None
@@ -187,5 +191,6 @@ def parameter_rows(
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
-        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, (contents or {}).get(name, "")))
+        contained, of_parts = (contents or {}).get(name, ""), [part[name] for part in parts]
+        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts))
     return tuple(rows)

@@ -258,7 +258,7 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
         return None
     gains = [
         float(covariance[i, p] ** 2 / (covariance[p, p] + ADVICE.prior_std**2)) / variance
-        if parameter.log and p != i
+        if parameter.log and p != i and not parameter.tolerated
         else 0.0
         for p, parameter in enumerate(result.parameters.free)
     ]

@@ -49,10 +49,12 @@ from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.spring import Spring
+from elastid.robot.tolerances import BodyTolerances, Tolerances
 
 __all__ = [
-    "BASE", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body", "Chain", "ChannelGain",
+    "BASE", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body", "BodyTolerances", "Chain",
+    "ChannelGain",
     "CoilSpring", "Compensator", "Directions", "Frame", "Friction", "GasSpring", "GearCoupling", "InertiaTensor",
     "Joint", "Limits", "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin",
-    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Vector3", "gain_name", "unit_axis",
+    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "Vector3", "gain_name", "unit_axis",
 ]  # fmt: skip

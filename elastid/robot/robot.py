@@ -21,6 +21,7 @@ from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
+from elastid.robot.tolerances import Tolerances
 
 
 def check_part_names(robot: Robot) -> None:
@@ -83,6 +84,14 @@ def check_carrier(joint: Joint, robot: Robot) -> None:
         )
 
 
+def check_tolerances(robot: Robot) -> None:
+    """ValueError for tolerances of a body, loop or payload that the robot does not have."""
+    known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
+    for each in () if robot.tolerances is None else robot.tolerances.bodies:
+        if each.name not in known:
+            raise ValueError(f"tolerances: no body is called {each.name}; {did_you_mean(each.name, known)}")
+
+
 # A frame's places: translation of its origin along its axes, and rotation about them.
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -119,6 +128,9 @@ class Robot:
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters around the "
         "mechanics.", "where phase falls with frequency more than the delay explains: filters of drives and "
         "sensors.")] = Chain()
+    tolerances: Annotated[Tolerances | None, Key("Tolerances of the numbers in this file that a fit holds, {} for "
+        "common ones (default: all are exact).", "for a robot from CAD and data sheets: masses, inertias, centres and "
+        "lengths then move within them, and intervals contain them.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -143,6 +155,7 @@ class Robot:
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
         self.chain.check_places(self.motor_locations, self.locations)
+        check_tolerances(self)
 
     __repr__, _repr_html_ = as_text, as_html
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from elastid.app.console import Console, parameter_table
@@ -18,6 +19,7 @@ from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
+from elastid.fit.tolerances import remaining_tolerances
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, parameter_rows
@@ -116,4 +118,5 @@ def _robot_files(
     """
     for label, (fitted, members) in robots_by_group(result, robot, configurations).items():
         file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
+        fitted = replace(fitted, tolerances=remaining_tolerances(result, robot))
         yield file, robot_of_fit(name, fitted, friction, lines_of(result, members[0]))

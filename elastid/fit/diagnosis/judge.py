@@ -312,13 +312,14 @@ def undetectable_errors(result: FitResult, scores: Scores) -> Iterator[Undetecta
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
     no more than what shows a model to be wrong (D, `status.MISFIT.drop`).
     """
-    test, std = scores.test, np.sqrt(np.diag(result.covariance))
+    n = len(result.parameters.wanted)
+    test, std = scores.test, np.sqrt(np.diag(result.covariance)[:n])
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]
         if candidate.directions.shape[1] > 1 or not math.isfinite(first.usual):
             continue
         direction = candidate.directions[:, 0]
-        effects = np.abs(test.response[:, places] @ direction)
+        effects = np.abs(test.response[:n, places] @ direction)
         # A parameter that the data do not reach is not moved.
         moved = np.divide(effects, std, out=np.zeros(len(std)), where=np.isfinite(std) & (std > 0))
         worst = int(np.argmax(moved))

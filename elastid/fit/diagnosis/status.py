@@ -105,16 +105,17 @@ def decisive_index(
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
-    reach = MISFIT.effect * np.sqrt(np.diag(result.covariance))
+    n = len(result.parameters.wanted)
+    reach = MISFIT.effect * np.sqrt(np.diag(result.covariance)[:n])
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects) > reach))
+    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach))
     return max(decisive, key=lambda index: index.drop, default=None)
 
 
 def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
     is_structured = uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
-    moved = np.flatnonzero(uncertainty.shift > MISFIT.shift)
+    moved = np.flatnonzero(uncertainty.shift[: len(result.parameters.wanted)] > MISFIT.shift)
     if not (result.exceeds_noise and excess > MISFIT.excess and is_structured and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
@@ -133,8 +134,9 @@ def _by_held_number(evidence: Evidence) -> str:
     index = decisive_index(result, evidence.uncertainty, result.indices)
     if index is None:
         return ""
+    n = len(result.parameters.wanted)
     with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.nan_to_num(np.abs(index.effects) / np.sqrt(np.diag(result.covariance)))
+        moved = np.nan_to_num(np.abs(index.effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
     worst = int(np.argmax(moved))
     same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
     return (
@@ -194,7 +196,7 @@ def _bounds(result: FitResult) -> Iterator[Note]:
                 "values beyond it are plausible; otherwise the model lacks something that the data show",
             )
     ends = [start.x for start in result.starts if math.isfinite(start.cost)]
-    if len(ends) < 3:
+    if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
         return
     share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
     for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True):
@@ -213,16 +215,18 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
             f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
         )
-    for parameter in (p for p, beyond in zip(result.parameters.free, unreached, strict=True) if p.log and not beyond):
+    wanted = result.parameters.wanted
+    for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
             far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
             yield Note("weakly-determined", f"{parameter.name} is weakly determined: {far}")
-    for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
+    for i, j in np.argwhere(np.triu(np.abs(correlation[: len(wanted), : len(wanted)]) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
         yield Note("correlated", text)
-    if len(result.weakest) and len(values) > 1 and 1e-8 * values[0] <= values[-1] <= LIMITS.singular_value * values[0]:
+    is_judged = len(result.weakest) and len(values) > 1 and not result.has_tolerances
+    if is_judged and 1e-8 * values[0] <= values[-1] <= LIMITS.singular_value * values[0]:
         places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > LIMITS.part_of_direction]
         terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
         yield Note(

@@ -1,0 +1,188 @@
+r"""Numbers of the robot's file within their tolerances: unknowns with a prior, next to those that a study asks for.
+
+.. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
+
+The starts are searched with the file's numbers held; the best of them is then released. A covariance of (x, nu) is that
+of the estimate with the file in doubt; with nu known it would be the part of the noise,
+
+.. math:: C_{noise} = C_{xx} - C_{x\nu} C_{\nu\nu}^{-1} C_{\nu x}, \qquad \sigma^2_{file} = \sigma^2 - \sigma^2_{noise}
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
+from elastid.fit.assembly import Assembly
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.result import FitResult
+from elastid.fit.solve.solvers import FINE, solve
+from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.robot import BodyTolerances, Robot, Tolerances
+from elastid.robot.tolerances import kind_of
+
+MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
+
+
+@dataclass(frozen=True)
+class AdviceLimits:
+    """Limits of the advice on what to measure, which states no fault and so has no false alarms."""
+
+    part: float = 0.1  # of a tolerance, that a measurement leaves
+    most: int = 3  # measurements that are named
+    enough: float = 0.5  # of an interval, at which no further one is named
+    worthwhile: float = 0.7  # of an interval, above which nothing is said
+
+
+ADVICE = AdviceLimits()
+
+
+def with_tolerances(parameters: ParameterSet, robot: Robot) -> ParameterSet:
+    """The same with the numbers that it holds free within robot.tolerances; unchanged where all are exact.
+
+    Coordinates that are zero stay, but for centres of mass: an offset of an axis acts in second order.
+    """
+    tolerances = {each.name: each for each in _tolerances(robot)}
+    known = {parameter.name: parameter for parameter in parameters}
+    asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    numbers: list[Parameter] = []
+    factors: dict[str, Parameter] = {}
+    for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
+        number = known.get(name, Parameter(name, value, unit, log=name.startswith("l_"), free=False))
+        own = tolerances.get(name)
+        if own is None or name in asked or (number.value == 0 and own.kind != "center_of_mass"):
+            numbers += [number] * (name in known)
+        elif own.factor:
+            factors[own.factor] = replace(_within(Parameter(own.factor, 1.0, log=True), own.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(own.factor, number.value)))
+        else:
+            numbers.append(_within(number, own.std))
+    written = {number.name for number in numbers}
+    return ParameterSet((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
+
+
+def _within(held: Parameter, std: float) -> Parameter:
+    """A held number free within its tolerance, which is relative for a positive one."""
+    if not held.log:
+        return replace(held, free=True, prior=Prior(held.value, std), tolerated=True)
+    lower, upper = held.value / MAX_FACTOR, held.value * MAX_FACTOR
+    relative = std / held.value if held.unit == "m" else std
+    return replace(held, free=True, lower=lower, upper=upper, prior=Prior(held.value, relative), tolerated=True)
+
+
+@dataclass(frozen=True)
+class _Tolerance:
+    """Of a number: the body, loop or payload that owns it, its kind, std; the common factor of an inertia's entries."""
+
+    name: str
+    owner: str
+    kind: str
+    std: float
+    factor: str = ""
+
+
+def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
+    if robot.tolerances is None:
+        return
+    for name, (_, path) in (robot.numbers | robot.geometry).items():
+        owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
+        factor = f"I_{owner}" if path[-2] == "inertia" else ""
+        if (std := robot.tolerances.std(path, owner)) > 0:
+            yield _Tolerance(name, owner, kind_of(path), std, factor)
+    if (std := robot.tolerances.torque_constant_std) > 0:
+        yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+
+
+def release(
+    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot
+) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
+    """The fit with numbers free within their tolerances at the end of the best start, and the starts with theirs.
+
+    The first of them is solved; the others end where they did, with the file's numbers.
+    """
+    parameters, held = with_tolerances(assembly.parameters, robot), assembly.parameters.free_names
+    places = [parameters.free_names.index(name) for name in held]
+
+    def widened(x: FloatArray) -> FloatArray:
+        wide = parameters.x
+        wide[places] = x
+        return wide
+
+    starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    criterion = assembly.spec.criterion
+    assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model)
+    best = starts[0]
+    fit = assembly.at(best.x, criterion)
+    end = solve(assembly.search_problem(fit, criterion), best.x, FINE, method=assembly.spec.solver)
+    end = replace(end, x_start=best.x_start, iterations=best.iterations + end.iterations)
+    return assembly, fit, (end, *starts[1:])
+
+
+def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | None:
+    """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
+
+    The widest coordinate counts for all of a body.  As they are where the file is exact.
+    """
+    if robot.tolerances is None or not result.has_tolerances:
+        return robot.tolerances
+    deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
+    left: dict[str, dict[str, float]] = {}
+    for each in _tolerances(robot):
+        if each.owner in owners and (each.factor or each.name) in deviation:
+            std = deviation[each.factor or each.name]
+            if each.kind == "length" and result.parameters[each.name].log:
+                std *= result.values[each.name]
+            own = left.setdefault(each.owner, {})
+            own[each.kind] = max(own.get(each.kind, 0.0), std)
+    return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))
+
+
+def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
+    """Numbers of the file whose measurement narrows the interval that the file widens most, with the gain.
+
+    One that is measured with the std delta takes c c^T / (C_jj + delta^2) off the covariance, c its column.
+    """
+    wanted, C = result.parameters.wanted, result.covariance.copy()
+    file, noise, values = result.std_by_file, result.std_by_noise, result.values
+    widened = [p.name for p in wanted if p.log and file[p.name] > noise[p.name]]
+    if not result.has_tolerances or not widened or not np.isfinite(C).all():
+        return ()
+    name = max(widened, key=lambda name: file[name] / values[name])
+    place, known = result.parameters.free_names.index(name), list[str]()
+    before = math.sqrt(C[place, place])
+    for _ in range(ADVICE.most):
+        delta = np.array(
+            [ADVICE.part * p.prior.std if p.tolerated and p.prior else math.inf for p in result.parameters.free]
+        )
+        gains = C[place] ** 2 / (np.diag(C) + delta**2)
+        best = int(np.argmax(gains))
+        C -= np.outer(C[best], C[best]) / (C[best, best] + delta[best] ** 2)
+        known.append(_stated(result.parameters.free[best], float(delta[best])))
+        if C[place, place] < (ADVICE.enough * before) ** 2:
+            break
+    after = math.sqrt(C[place, place])
+    if after > ADVICE.worthwhile * before:
+        return ()
+    text = (
+        f"the tolerances of the robot's file are most of the interval of {name} ({100 * before:.2g} %): with "
+        f"{', '.join(known)} it would be {100 * after:.2g} %"
+    )
+    return (Note("file-limits", text, severity="information"),)
+
+
+def _measured_std(parameter: Parameter) -> float:
+    """Of a measurement of a tolerated number, in x; infinite for the others."""
+    if parameter.prior is None or not parameter.tolerated:
+        return math.inf
+    return ADVICE.part * parameter.prior.std
+
+
+def _stated(parameter: Parameter, std: float) -> str:
+    return f"{parameter.name} known to {f'{100 * std:.2g} %' if parameter.log else f'{1e3 * std:.2g} mm'}"

@@ -1,0 +1,99 @@
+"""Tolerances of a robot's file: how far numbers from CAD, data sheets and drawings are commonly off."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from elastid.base.names import PartName
+from elastid.base.section import Key, section
+from elastid.base.units import Length, Ratio
+from elastid.robot.placement import Path
+
+Exact: TypeAlias = Literal["exact"]
+EXACT: Exact = "exact"
+
+
+def _check(owner: object, where: str) -> None:
+    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "torque_constant"):
+        value = getattr(owner, key, None)
+        if isinstance(value, float | int) and not 0 < value < float("inf"):
+            raise ValueError(f"{where}{key} is {value:g}; it must be positive, or exact")
+
+
+@section
+class BodyTolerances:
+    """Tolerances of one body, rod of a loop, or payload, instead of those of all."""
+
+    # fmt: off
+    name: Annotated[PartName, Key("Name of the body, of the loop whose rod it is, or `payload`.", "for a body that was "
+        "weighed, or swung as a pendulum, or one that carries cables that CAD does not know.")]
+    mass: Annotated[Ratio | Exact | None, Key("Standard deviation of its mass, relative.", "0.5 % where it was "
+        "weighed; `exact` for a calibrated weight.")] = None
+    inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of its inertia, relative, of all entries "
+        "together.", "2 % where it was swung; 20 % for a body whose cables and covers are not in CAD.")] = None
+    motor_inertia: Annotated[Ratio | Exact | None, Key("Standard deviation of the inertia of the motors of its joints, "
+        "relative.", "2 % where brake and pinion are known to be in it.")] = None
+    center_of_mass: Annotated[Length | Exact | None, Key("Standard deviation of each coordinate of its centre of mass.",
+        "2 mm where it was balanced on an edge.")] = None
+    length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of its joints and "
+        "placement.", "`exact` for a link that was measured on a coordinate measuring machine.")] = None
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        _check(self, f"body {self.name}: ")
+
+
+@section
+class Tolerances:
+    """Standard deviations of the numbers that a fit holds: the fit may move them so far.
+
+    Entries of one inertia err by one factor, as those of a CAD model do whose density or parts are wrong.
+    """
+
+    # fmt: off
+    mass: Annotated[Ratio | Exact, Key("Standard deviation of the mass of each body, relative.", "1 % for a recent CAD "
+        "model with cables and oil, 10 % for a guess from a picture; `exact` holds every mass.")] = 0.03
+    inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each body about its centre of mass, "
+        "relative, one factor a body.", "5 % for a recent CAD model, 30 % where only boxes were drawn.")] = 0.1
+    motor_inertia: Annotated[Ratio | Exact, Key("Standard deviation of the inertia of each motor, relative.",
+        "10 % where brake, pinion or input stage of the gear may be missing in it.")] = 0.05
+    center_of_mass: Annotated[Length | Exact, Key("Standard deviation of each coordinate of the centres of mass.",
+        "3 mm for small robots; in proportion to the length of the links.")] = 0.01
+    length: Annotated[Length | Exact, Key("Standard deviation of lengths and places of joints that are not zero.",
+        "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.")] = 1e-3
+    torque_constant: Annotated[Ratio | Exact, Key("Standard deviation of the torque constant of each motor, relative.",
+        "3 to 5 % where torque is current times the constant of a data sheet: every stiffness is then no better known "
+        "than the masses.")] = EXACT
+    bodies: Annotated[tuple[BodyTolerances, ...], Key("Bodies with tolerances of their own.", "for what was measured: "
+        "the end of a run says which measurement would narrow which interval.")] = ()
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        _check(self, "")
+
+    @property
+    def torque_constant_std(self) -> float:
+        """Of the torque constants, relative; 0 where they are exact."""
+        return 0.0 if self.torque_constant == EXACT else float(self.torque_constant)
+
+    def std(self, path: Path, body: str) -> float:
+        """Of the number at a path of a robot, relative or in m; 0 where it is exact.
+
+        body: the name of the body, loop or payload that it belongs to.
+        """
+        kind = kind_of(path)
+        own = next((getattr(each, kind, None) for each in self.bodies if each.name == body), None)
+        value = getattr(self, kind, EXACT) if own is None else own
+        return 0.0 if value == EXACT else float(value)
+
+
+def kind_of(path: Path) -> str:
+    """The key of the tolerance of a number, empty where it has none."""
+    keys = [key for key in path if isinstance(key, str)]
+    last = keys[-1]
+    if last == "inertia":
+        return "motor_inertia" if "motor" in keys else "inertia"
+    if last in ("mass", "center_of_mass"):
+        return last
+    is_length = last in ("xyz", "length") or (last == "point" and "compensators" not in keys)
+    return "length" if is_length and "compensators" not in keys else ""
