@@ -76,7 +76,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
     numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
-    rest: dict[str, Any] = {"parameters": {}, "friction": None, **{key: [] for key in lists}}
+    rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 
 

@@ -48,7 +48,9 @@ class AutomaticLimits:
     margin: float = 1.5  # by which a local method must be better than a mean of periods, or where it takes long
     long_lines: int = 50_000  # take a local method about half a minute for one input
     long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
-    periods: int = 4  # of a log, below which their scatter may not show a transient
+    periods: int = 6  # of a log, below which their scatter may not show a transient
+    elements: int = 9  # of G, beyond which a local method is not tried on its scatter alone
+    scatter: float = 0.03  # stated error of a mean, below which a transient in it does no harm
 
 
 LIMITS = AutomaticLimits()
@@ -120,14 +122,16 @@ def _mean_root(squares: FloatArray) -> float:
 
 
 def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -> bool:
-    """True for logs whose periods were found to start with a transient, or are too few to show one.
+    """True for logs whose periods were found to start with a transient, or are too few to show one and scatter.
 
-    Large ones do not count: a local method has a whole log in memory.
+    Large ones do not count: a local method has a whole log in memory, and takes long where G has many elements.
     """
     if any(RecordSpectra(record).is_large for record in records):
         return False
-    is_short = min(record.n_repeats for record in records) < LIMITS.periods
-    return is_short or any(note.code == TRANSIENT_LEFT_OUT for note in response.notes)
+    if any(note.code == TRANSIENT_LEFT_OUT for note in response.notes):
+        return True
+    is_short = min(record.n_repeats for record in records) < LIMITS.periods and response.G[0].size <= LIMITS.elements
+    return is_short and _mean_root(_variance(response) / np.maximum(np.abs(response.G) ** 2, 1e-300)) > LIMITS.scatter
 
 
 def _has_power(response: FrequencyResponse) -> BoolArray:

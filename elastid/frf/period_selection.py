@@ -245,7 +245,8 @@ def _transient(
     measured = distances(compared, later)
     if len(logs) == 1:  # a slow wander is as far from the other half at its end
         backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]
-        if not replace(measured, limit=np.maximum(measured.limit, backwards)).far[0]:
+        wander = replace(measured, limit=np.maximum(measured.limit, backwards))
+        if not np.any(wander.far & ~is_later):
             return np.zeros(P, dtype=np.bool_), ()
     lengths = [int(np.argmin(np.append(measured.far[half], False))) for half in halves]
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])

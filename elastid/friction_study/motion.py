@@ -234,11 +234,12 @@ def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, 
     Stiction and load are in that of Coulomb friction, ripple and delay in that of the offset or, without, of gravity.
     """
     numbers, parts = friction.chosen, dict[str, FloatArray]()
-    for name, column in columns_of(friction.motion, signals, MotionTerms.of(numbers)).items():
+    columns = columns_of(friction.motion, signals, MotionTerms.of(numbers))
+    for name in (name for name in columns if name in numbers.names):  # of joints that moved together friction alone
         dry = name in ("stiction", "load.coulomb")
         rest = "offset" if "offset" in numbers.names else "directions.coulomb"
         part = "coulomb" if dry else rest if name == "delay" or name.startswith("ripple") else name
-        parts[part] = parts.get(part, 0.0) + numbers[name] * column
+        parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 
 

@@ -102,7 +102,7 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
         (trapezoids(SPEEDS), lambda u: -u, {}, ("friction drives", "turn one channel (sign: -1)")),
         (trapezoids((0.2, 0.5)), lambda u: -u, {}, ("friction drives (Coulomb -", "turn one channel (sign: -1)")),
         (trapezoids(SPEEDS), None, {"torque_side": "link"},
-         ("an inertia of 0.15", "the robot's file 15", "give the channel side: motor")),
+         ("an inertia of 0.1499", "the robot's file 15", "give the channel side: motor")),
         (trapezoids(SPEEDS), None, {"angle_side": "link"}, ("would turn", "give that channel side: motor")),
     ],
     ids=["one direction", "velocity's sign", "its sign at two speeds", "torque's side", "angle's side"],

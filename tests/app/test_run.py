@@ -351,6 +351,7 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
         *("schema", "study", "status", "message", "cost", "cost_expected", "dof", "starts", "hits"),
         *(
             "parameters",
+            "tolerated",
             "friction",
             "correlations_above_0.9",
             "modification_indices",

@@ -132,8 +132,8 @@ def test_a_local_method_that_takes_long_must_be_much_better(monkeypatch: pytest.
 
 
 def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest_do_not() -> None:
-    """Three periods of a resonance that rings longer: the mean is off by more than three times as much."""
-    record = _multisine(3, 0)
+    """Five periods of a resonance that rings longer: the mean is off by more than three times as much."""
+    record = _multisine(5, 0)
     auto, mean = estimate([record], AUTO), estimate([record], replace(AUTO, method="arithmetic"))
     assert "takes local_rational" in _choice(auto)
     errors = [np.median(np.abs(each.G[:, 0, 0] / _light(each.freq_hz) - 1)) for each in (auto, mean)]

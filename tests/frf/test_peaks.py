@@ -58,7 +58,7 @@ def test_the_intervals_hold_the_truth() -> None:
             Record(f"{i}", BENCH, i // 2, i % 2, 256.0, 2048, ("a", "b"), PLACES, ("acceleration",) * 3, *parts)
             for i, parts in enumerate((log.force, log.acceleration) for log in logs)
         ]
-        found = peaks(estimate(tuple(records), EstimatorSpec(), None))
+        found = peaks(estimate(tuple(records), EstimatorSpec(method="arithmetic"), None))
         errors.append(
             [
                 ((peak.freq_hz - omega / (2 * np.pi)) / peak.freq_std, (peak.damping - zeta) / peak.damping_std)
@@ -75,7 +75,7 @@ def test_a_pole_that_leaves_its_lines_is_no_peak() -> None:
         Record(f"{i}", BENCH, i // 2, i % 2, 256.0, 2048, ("a", "b"), PLACES, ("acceleration",) * 3, *parts)
         for i, parts in enumerate((log.force, log.acceleration) for log in logs)
     ]
-    assert len(peaks(estimate(records, EstimatorSpec()))) == 3
+    assert len(peaks(estimate(records, EstimatorSpec(method="arithmetic")))) == 3
 
 
 def test_bumps_of_correlated_noise_are_no_peaks() -> None:

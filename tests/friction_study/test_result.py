@@ -46,7 +46,9 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
 def test_the_interval_of_a_time_constant_is_symmetric_in_its_logarithm() -> None:
     """value^2 = low high, and 1.96 std of the logarithm to each end."""
     one = np.ones(1)
-    model = ThermalModel("relative", 1200 * one, one, np.nan, np.array([0.2, 0.1]), 1.0, 9, one, np.ones((1, 3)), 1.0)
+    model = ThermalModel(
+        "relative", 1200 * one, one, np.nan, np.array([0.2, 0.1]), 1.0, 9, one, np.ones((1, 3)), 1.0, one
+    )
     tests = SimpleNamespace(readings=np.zeros(0), time_s=np.array([0.0, 3600.0]), level=np.zeros(5))
     (row,) = numbers_of_heat("1", model, cast(WarmUp, tests))
     assert (row.value, row.std) == (1200.0, pytest.approx(120.0))

@@ -88,7 +88,7 @@ def warm_up() -> tuple[WarmUp, ThermalModel]:
     series = np.array([[9.0, -1.0, 0.0], [15.0, -5.0, 1.0]])
     model = ThermalModel(
         "relative", np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20, np.array([0.1, 1.0]), series,
-        200.0,
+        200.0, np.ones(1),
     )  # fmt: skip
     nothing = np.full(len(time_s), np.nan)
     blank = WarmUp(time_s, power, 20.0, 20.0, nothing, 0.5, tests, speeds, np.ones(26), np.full(26, 0.05))

@@ -34,7 +34,11 @@ def refusals(study: Path, *overrides: str) -> list[str]:
     ("overrides", "key", "message"),
     [
         (["experiment.experiments=3"], "experiment.experiments", "an orthogonal set for 2 motors has 2"),
-        (["experiment.experiments=1"], "experiment.experiments", "estimator.method arithmetic needs at least 2"),
+        (
+            ["experiment.experiments=1", "estimator.method=arithmetic"],
+            "experiment.experiments",
+            "estimator.method arithmetic needs at least 2",
+        ),
         (
             [
                 "experiment.experiments=1",

@@ -28,6 +28,8 @@ def test_the_answer_stands_first(page: str) -> None:
     assert said == [
         "Joint elbow: F_c = 9.020 ± 0.060 N*m, f = 6.30 ± 0.20 N*m.",
         "Joint &lt;lift&gt;: F_c = 20.10 ± 0.40 N*m.",
+        "Motions of joint &lt;lift&gt;: 8.36 of 10 s in the regression, not 0.056 s at rest, 0.984 s near a reversal "
+        "or rest, 0.6 s ends of the log.",
         "Not identifiable from these data: stiction and Stribeck velocity (joint elbow).",
         "Of 2 true values 1 lie within their 95 % intervals.",
     ]
