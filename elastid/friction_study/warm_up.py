@@ -86,6 +86,9 @@ class WarmUpLimits:
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
     closest: float = 0.9  # ratio of two time constants at most
     max_log_std: float = 0.3  # of a time constant: a warm-up with a wider one was too short
+    # Of the smaller node in readings or levels: below, it is what a parabola misses of the law.
+    min_share: float = 0.1
+    parabola: float = 0.01  # of a level, which a parabola over the heat may miss
 
 
 LIMITS = WarmUpLimits()
@@ -160,6 +163,8 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     is_law = level_of is not None and math.isfinite(warm_up.start_degc)
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
     is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
+    if is_course:  # a parabola is not quite the law
+        warm_up = replace(warm_up, level_std=np.hypot(warm_up.level_std, LIMITS.parabola * warm_up.level))
     own = _fitted(_Problem(warm_up, None, has_series=True)) if is_course or not (has_readings or is_law) else None
     if own is not None and not is_law:
         return own
@@ -176,7 +181,8 @@ def _fitted(problem: _Problem) -> ThermalModel:
     if double.dof < 1:
         return single
     chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof)
-    return double if chance < FALSE_ALARM else single
+    smaller = max(float(np.abs(shares).min()) for shares in (double.shares, double.level_shares))
+    return double if chance < FALSE_ALARM and smaller > LIMITS.min_share else single
 
 
 @dataclass(frozen=True)
