@@ -11,7 +11,8 @@ sines for 64 s by a PD controller. Its torque (noise 0.5 N*m) and angle (an enco
 - at 98 Hz for a stated rate of 100 Hz.
 
 Of 100 draws of each the 95 % intervals must hold the inertia 93 times at least (5 % of the time a coverage of 96 % is
-below), friction 85 times: torque of reversals beyond half of a low rate is aliased, which no interval knows. The last line is one JSON object: shares covered, and the largest error of the inertia.
+below), friction 85 times: torque of reversals beyond half of a low rate is aliased, which no interval knows.
+The last line is one JSON object: shares covered, and the largest error of the inertia.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
