@@ -437,7 +437,7 @@ def test_an_inertia_stays_one_that_a_body_can_have():
 
 @pytest.mark.slow
 def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
-    """M depends on m c^2: far starts, and those that no body could have, end at the truth all the same."""
+    """M depends on m c^2: far starts, and impossible ones, end at the truth."""
     free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
     truth = bodied(inertia=(0.02, 0.03, 0.04, 0.0, 0.0, 0.0))
     start = replace(truth, bodies=(replace(truth.bodies[0], mass=3.0, center_of_mass=(0.09, 0.03, 0.02)),))

@@ -89,13 +89,7 @@ def local_response(
     """
     records = [log for record in records for log in single_logs(record)]
     first = records[0]
-    for record in records:
-        if record.left_out:
-            periods = ", ".join(str(period + 1) for period in record.left_out)
-            raise DataError(
-                f"record {record.name}: too many samples of period {periods} are missing, and a local method takes a "
-                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
-            )
+    _refuse_incomplete(records)
     all_lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, all_lines, spec.quantity, dropped) for record in records]
@@ -152,6 +146,17 @@ def local_response(
     # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
     together = 4 / 9 * where.index.shape[1] / step
     return replace(response, correlated_lines=max(1.0, together) / thinning)
+
+
+def _refuse_incomplete(records: Sequence[Record]) -> None:
+    """DataError for a record of which periods are left out."""
+    for record in records:
+        if record.left_out:
+            periods = ", ".join(str(period + 1) for period in record.left_out)
+            raise DataError(
+                f"record {record.name}: too many samples of period {periods} are missing, and a local method takes a "
+                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
+            )
 
 
 def _richer_models(
