@@ -27,7 +27,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.frf.local.response import local_mean
+from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method
 from elastid.frf.spectra import RecordSpectra

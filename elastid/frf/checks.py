@@ -80,14 +80,14 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
                 )
 
 
-def refuse_few(records: Sequence[Record], groups: Sequence[Sequence[Record]], method: str) -> None:
+def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
     """DataError where a record holds less than two periods, which leave no noise level, or experiments are too few.
 
     groups: the records by realisation, each of which needs as many as there are inputs, but for a method that pools.
     """
     first = groups[0][0]
     n_u = len(first.inputs)
-    short = [record.name for record in records if record.n_samples < 2 * record.repeat_samples]
+    short = [record.name for group in groups for record in group if record.n_samples < 2 * record.repeat_samples]
     if short:
         raise DataError(
             f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "

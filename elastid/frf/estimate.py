@@ -26,14 +26,21 @@ from elastid.frf.covariance import (
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
-from elastid.frf.lines import analysed_lines, described_lines, spectra_of
+from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
 from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT, TotalError
-from elastid.frf.quality import input_notes, measured_quality, measured_response, output_notes
+from elastid.frf.quality import (
+    described_lines,
+    input_notes,
+    left_out_note,
+    measured_quality,
+    measured_response,
+    output_notes,
+)
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.frf.spectra import RecordSpectra, refuse_uncomputable
+from elastid.frf.spectra import RecordSpectra
 from elastid.frf.welch import welch_response
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -69,23 +76,11 @@ def estimate(
 
 def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
     _refuse_periods(records, spec)
-    for record in records:
-        refuse_uncomputable(record)
-    spec = replace(spec, transient_periods="auto")
+    spec = replace(spec, transient_periods="auto", lines="full")
     method, notes = _choose_without_period(records, spec)
-    response = _by(method, records, spec)
+    spec = replace(spec, method=method)
+    response = local_response(records, spec) if method in LOCAL else welch_response(records, spec)
     return replace(response, notes=(*notes, *response.notes, *channel_notes(response)))
-
-
-def _by(
-    method: Method, records: Sequence[Record], spec: EstimatorSpec, most_lines: int | None = None
-) -> FrequencyResponse:
-    """G of records without a period."""
-    if method in WELCH:
-        return welch_response(records, replace(spec, method=method))
-    records, cut = _of_one_length(records)
-    response = local_response(records, replace(spec, method=method, lines="full"), most_lines=most_lines)
-    return replace(response, notes=(*cut, *response.notes))
 
 
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:
@@ -98,8 +93,8 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
     is_long = count > AUTOMATIC.long_lines and spec.resolution_hz is None
     if is_long and count * len(first.inputs) * len(first.outputs) > AUTOMATIC.long_values:
         return chosen("h1", f"a local method would fit {count} lines, and records so long leave many segments")
-    h1 = partial(_by, "h1", records, spec)
-    preview = partial(_by, "local_rational", records, spec, AUTOMATIC.lines)
+    h1 = partial(welch_response, records, replace(spec, method="h1"))
+    preview = partial(local_response, records, replace(spec, method="local_rational"), most_lines=AUTOMATIC.lines)
     return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
 
 
@@ -125,28 +120,6 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     raise StudyError(f"record {records[0].name} has no period, {why}")
 
 
-def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
-    """The records cut to the shortest, since a local method compares them line by line, and a note on it."""
-    lengths = np.array([record.n_samples for record in records])
-    n = int(lengths.min())
-    if np.all(lengths == n):
-        return records, ()
-    first = records[0]
-    where = f"configuration {first.configuration.name}"
-    seconds = f"{n / first.rate_hz:g} to {lengths.max() / first.rate_hz:g} s"
-    if n < 0.5 * lengths.max():
-        raise DataError(
-            f"{where}: its records last {seconds}, and a local method needs one length: cut them with "
-            "samples: [first, last], or take estimator.method h1"
-        )
-    cut = [
-        replace(each, u=each.u[:n], y=each.y[:n], r=None if each.r is None else each.r[:n], period_samples=n)
-        for each in records
-    ]
-    text = f"records of {seconds} are cut to the shortest, since a local method compares them line by line"
-    return cut, (Note("records-cut", text, where),)
-
-
 def _with_period(
     records: Sequence[Record],
     groups: Sequence[Sequence[Record]],
@@ -158,34 +131,23 @@ def _with_period(
     A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
     """
     method, reason = _choose(spec, groups)
-    response = None if method in LOCAL else _by_periods(records, groups, replace(spec, method=method), planned_lines)
+    response = None if method in LOCAL else _by_periods(groups, replace(spec, method=method), planned_lines)
     is_free = spec.method == "auto" and planned_lines is None
     if is_free and response is not None and may_hold_transient(records, response):
         mean = response
-        preview = partial(_local, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
+        preview = partial(local_response, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
         method, reason = choose_by_error(method, lambda: mean, preview, AUTOMATIC.margin)
     if response is None or method in LOCAL:
-        response = _local(records, replace(spec, method=method), planned_lines)
+        response = local_response(records, replace(spec, method=method), planned_lines)
     return replace(response, notes=(*reason, *response.notes))
 
 
-def _local(
-    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None, most_lines: int | None = None
-) -> FrequencyResponse:
-    for record in records:
-        refuse_uncomputable(record)
-    return local_response(records, spec, planned_lines, most_lines)
-
-
 def _by_periods(
-    records: Sequence[Record],
-    groups: Sequence[Sequence[Record]],
-    spec: EstimatorSpec,
-    planned_lines: IntArray | None,
+    groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
 ) -> FrequencyResponse:
     """By a mean over realisations or a method that pools them: each line on its own, from its periods."""
     method = spec.method
-    refuse_few(records, groups, method)
+    refuse_few(groups, method)
     first = groups[0][0]
     spectra = [spectra_of(group, spec, planned_lines) for group in groups]
     lines = analysed_lines([record_spectra for group in spectra for record_spectra in group], spec, planned_lines)
@@ -203,11 +165,11 @@ def _by_periods(
         error = total_error(data, fitted)
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
-        text = (
-            f"lines {described_lines(lines[~usable], first)} are left out: some combination of the inputs is less than "
-            "6 dB above its noise there, so that outputs cannot be traced to inputs"
+        why = (
+            "some combination of the inputs is less than 6 dB above its noise there, so that outputs cannot be traced "
+            "to inputs"
         )
-        notes.append(Note("lines-left-out", text))
+        notes.append(left_out_note(lines[~usable], first, why))
     notes += same_phases_notes(data.blocks, groups)
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)

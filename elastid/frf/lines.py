@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
-from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.grids import grid_lines
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
@@ -139,11 +139,3 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tupl
         squares = squares + around + np.abs(apart) ** 2 * n * len(X) / total if n else around
         n = total
     return mean, squares / max(n - 1, 1) / n
-
-
-def described_lines(lines: IntArray, record: Record) -> str:
-    """Lines as messages name them: their number and their range."""
-    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    unit = "Hz" if record.rate_is_known else "of the sampling rate"
-    end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
-    return f"{len(lines)} ({freq_hz[0]:.5g}{end} {unit})"

@@ -88,11 +88,22 @@ def inverse(A: ComplexArray) -> ComplexArray:
     F, n, _ = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)
-    inverses, n_singular = np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
-    call("inverse", F, n, _places([A]), inverses, n_singular)
+    places, inverses, n_singular = _places([A]), np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
+    call("inverse", F, n, places, inverses, n_singular)
     if n_singular[0]:
         raise np.linalg.LinAlgError("Singular matrix")
     return inverses
+
+
+def total_least_squares(S: ComplexArray) -> ComplexArray:
+    """G (F, n_u) of one output y by the weakest direction v of z = [y; u], v^H z = 0, from its S (F, 1 + n_u, 1 + n_u).
+
+    Raises LinAlgError where that direction has no part of y.
+    """
+    v = np.linalg.eigh(S)[1][:, :, 0].conj()
+    if not v[:, 0].all():
+        raise np.linalg.LinAlgError("the weakest direction has no part of the output")
+    return np.asarray(-v[:, 1:] / v[:, :1])
 
 
 def singular_values(A: ComplexArray) -> FloatArray:
@@ -100,8 +111,8 @@ def singular_values(A: ComplexArray) -> FloatArray:
     F, n, m = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
-    values = np.empty((F, min(n, m)))
-    call("singular_values", F, max(n, m), min(n, m), _places([A if m <= n else transposed(A)]), values)
+    places, values = _places([A if m <= n else transposed(A)]), np.empty((F, min(n, m)))
+    call("singular_values", F, max(n, m), min(n, m), places, values)
     return np.sort(values)[:, ::-1]
 
 

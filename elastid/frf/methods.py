@@ -22,7 +22,7 @@ from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
-from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
+from elastid.frf.matrices import added_cross_products, added_products, adjoint, total_least_squares, transposed
 
 
 @dataclass(frozen=True)
@@ -96,19 +96,8 @@ def hv(data: MeanSpectra) -> Estimate:
     """Total least squares of each output: as much noise on it as on every input, in their units."""
     Y, U = data.every.Y, data.every.U
     Z = [np.concatenate([Y[:, i : i + 1], U], axis=1) for i in range(Y.shape[1])]
-    rows = [of_weakest_direction(each @ adjoint(each)) for each in Z]
+    rows = [total_least_squares(each @ adjoint(each)) for each in Z]
     return replace(h1(data), G=np.stack(rows, axis=1))
-
-
-def of_weakest_direction(S: ComplexArray) -> ComplexArray:
-    """The row (F, n_u) of G by the weakest direction v of [y; u], v^H z = 0, from its spectra S (F, 1 + n_u, 1 + n_u).
-
-    Raises LinAlgError where that direction has no part of y.
-    """
-    v = np.linalg.eigh(S)[1][:, :, 0].conj()
-    if not v[:, 0].all():
-        raise np.linalg.LinAlgError("the weakest direction has no part of the output")
-    return np.asarray(-v[:, 1:] / v[:, :1])
 
 
 def errors_in_variables(data: MeanSpectra) -> Estimate:

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
+from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
 from elastid.frf.matrices import inverse, power, semidefinite_eigenvalues, singular_values, squared_magnitude
@@ -35,6 +36,7 @@ class Limits:
     input_snr: float = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
     weak_share: float = 0.5  # of the lines at which a channel is weak, from which on it is reported
     condition: float = 10.0  # of the inputs: beyond, one combination has less than a hundredth of the power of another
+    lines_of_mode: float = 4.0  # of a segment in the width of a mode, below which its peak is flattened
 
 
 LIMITS = Limits()
@@ -110,6 +112,19 @@ def coherences_of_powers(
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
+def described_lines(lines: IntArray, record: Record) -> str:
+    """Lines as messages name them: their number and their range."""
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    unit = "Hz" if record.rate_is_known else "of the sampling rate"
+    end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
+    return f"{len(lines)} ({freq_hz[0]:.5g}{end} {unit})"
+
+
+def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
+    """A note on lines of records like the first at which G is not estimated."""
+    return Note("lines-left-out", f"lines {described_lines(lines, first)} are left out: {why}")
+
+
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
     """A note on every output that barely moved."""
     excited = quality.excited
@@ -138,13 +153,19 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
         for i, name in enumerate(inputs)
         if weak[:, i].mean() > LIMITS.weak_share
     ]
-    if np.median(quality.condition) > LIMITS.condition:
-        text = (
-            "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, "
-            f"is {np.median(quality.condition):.3g} at the median line (1 is best); take orthogonal experiments"
-        )
-        notes.append(Note("inputs-move-together", text))
-    return notes
+    return notes + together_notes(quality, "take orthogonal experiments")
+
+
+def together_notes(quality: Quality, advice: str) -> list[Note]:
+    """A note where the inputs move nearly together."""
+    condition = np.median(quality.condition)
+    if condition <= LIMITS.condition:
+        return []
+    text = (
+        "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, is "
+        f"{condition:.3g} at the median line (1 is best); {advice}"
+    )
+    return [Note("inputs-move-together", text)]
 
 
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -189,6 +210,26 @@ def wide_windows(
         f"{poles}; take a longer period or record, more experiments or a higher local_order"
     )
     return [Note("crowded-window", text)]
+
+
+def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, first: Record) -> list[Note]:
+    """A note on modes that segments with lines at freq_hz (F,) do not resolve."""
+    f_0, width = modes
+    if not len(f_0):
+        return []
+    spacing = float(np.min(np.diff(freq_hz)))
+    narrow = np.flatnonzero(width < LIMITS.lines_of_mode * spacing)
+    if not narrow.size:
+        return []
+    worst = narrow[np.argmin(width[narrow])]
+    unit = "Hz" if first.rate_is_known else "of the sampling rate"
+    text = (
+        f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(f_0)} resonances, that at "
+        f"{f_0[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the variance; take "
+        f"estimator.segment {2 * LIMITS.lines_of_mode / width[worst]:.3g} or more where the records allow it, or "
+        "local_rational"
+    )
+    return [Note("segment-too-short", text)]
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:

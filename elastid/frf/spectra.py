@@ -51,6 +51,20 @@ def single_logs(record: Record) -> tuple[Record, ...]:
     )  # fmt: skip
 
 
+def whole_logs(records: Sequence[Record]) -> list[Record]:
+    """The record of each log of some records, for methods that take a log as one piece; DataError where parts miss."""
+    logs = [log for record in records for log in single_logs(record)]
+    for log in logs:
+        if log.left_out:
+            periods = ", ".join(str(period + 1) for period in log.left_out)
+            raise DataError(
+                f"record {log.name}: too many samples of period {periods} are missing, and a local method takes a "
+                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
+            )
+        refuse_uncomputable(log)
+    return logs
+
+
 @dataclass(frozen=True, eq=False)
 class RecordSpectra:
     """The DFTs (P, N // 2 + 1, c) of the P repetitions of a record's signals, each computed once.

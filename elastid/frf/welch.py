@@ -22,16 +22,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, release
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.covariance import kronecker
-from elastid.frf.matrices import adjoint, power, transposed
-from elastid.frf.methods import of_weakest_direction
-from elastid.frf.quality import LIMITS, coherences, local_modes, measured_response
+from elastid.frf.matrices import adjoint, power, total_least_squares, transposed
+from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import unit_scale
+from elastid.frf.spectra import refuse_uncomputable, unit_scale
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
@@ -77,8 +76,12 @@ class Segments:
 
 @dataclass(frozen=True)
 class CrossSpectra:
-    """S (F, n, n), the sum of Z Z^H over K segments of Z = [Y; U], as complex amplitudes; K_e of them independent."""
+    """S (F, n, n), the sum of Z Z^H over K segments of Z = [Y; U], as complex amplitudes; K_e of them independent.
 
+    freq_hz (F,).
+    """
+
+    freq_hz: FloatArray
     S: ComplexArray
     n_y: int
     K: int
@@ -101,7 +104,7 @@ class CrossSpectra:
 
     def on(self, lines: BoolArray) -> CrossSpectra:
         """The same on some of its lines (F,)."""
-        return self if lines.all() else CrossSpectra(self.S[lines], self.n_y, self.K, self.K_e)
+        return self if lines.all() else replace(self, freq_hz=self.freq_hz[lines], S=self.S[lines])
 
 
 def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
@@ -144,14 +147,21 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     return segments
 
 
-def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray, spec: EstimatorSpec) -> CrossSpectra:
-    """Sums over all segments at lines (F,), each segment less its mean; outputs as `quantity`, torque as it acts."""
+def cross_spectra(records: Sequence[Record], segments: Segments, spec: EstimatorSpec) -> CrossSpectra:
+    """Sums over all segments, each less its mean, at the lines of a segment; outputs as `quantity`, torque as it acts.
+
+    Raises DataError where a sample is missing, StudyError where the band holds no line.
+    """
     first, w, D = records[0], segments.window, segments.step
     L, n_y = len(w), len(first.outputs)
     n = n_y + len(first.inputs)
+    lines = grid_lines("full", spec.band_hz or (0.0, first.rate_hz / 2), first.rate_hz, L)
+    freq_hz = line_frequencies(lines, first.rate_hz, L)
+    scale = 2 / w.sum() * unit_scale(first, freq_hz, spec.quantity)
     S = np.zeros((len(lines), n, n), dtype=np.complex128)
     at_once = max(1, 4_000_000 // (L * n))  # 32 MB
     for record in records:
+        refuse_uncomputable(record)
         for begin in range(0, segments.count(record.n_samples), at_once):
             K = min(at_once, segments.count(record.n_samples) - begin)
             part = slice(begin * D, (begin + K - 1) * D + L)
@@ -162,10 +172,9 @@ def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray
             S += Z @ adjoint(Z)
             release(record.y)
             release(record.u)
-    scale = 2 / w.sum() * unit_scale(first, line_frequencies(lines, first.rate_hz, L), spec.quantity)
     S *= scale[:, :, None] * scale[:, None, :].conj()
     lengths = [record.n_samples for record in records]
-    return CrossSpectra(S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
+    return CrossSpectra(freq_hz, S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
@@ -177,8 +186,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     """
     first = records[0]
     segments = make_segments(records, spec)
-    lines = grid_lines("full", spec.band_hz or (0.0, first.rate_hz / 2), first.rate_hz, len(segments.window))
-    data = cross_spectra(records, segments, lines, spec)
+    data = cross_spectra(records, segments, spec)
     power_ratio = _input_power(data)
     usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
     if not usable.any():
@@ -189,9 +197,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         )
     data, L = data.on(usable), len(segments.window)
     G = _response(data, spec.method)
-    freq_hz = line_frequencies(lines[usable], first.rate_hz, L)
     covariance, C_V = _covariance(data, G)
-    quality = _quality(freq_hz, data, G, C_V)
+    quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
@@ -202,9 +209,11 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         f"worth {data.K_e:.3g} independent ones"
     )
     notes.append(Note("segments", text, severity="information"))
-    notes += _notes(freq_hz, G, covariance, quality, first)
+    # Leakage is most of the variance at a peak that a segment does not resolve; it stands out of the noise by 10 dB.
+    modes = local_modes(data.freq_hz, G, covariance.variance / 4)
+    notes += together_notes(quality, "excite each with its own noise") + segment_notes(modes, data.freq_hz, first)
     response = measured_response(
-        first, spec.quantity, freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
+        first, spec.quantity, data.freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
     )
     return replace(response, correlated_lines=segments.correlated_lines)
 
@@ -222,7 +231,7 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
         if method == "h2":
             return np.asarray(data.yy @ np.linalg.inv(adjoint(data.yu)))
         rows = [np.array([i, *range(n_y, n_y + n_u)]) for i in range(n_y)]
-        return np.stack([of_weakest_direction(data.S[:, row[:, None], row]) for row in rows], axis=1)
+        return np.stack([total_least_squares(data.S[:, row[:, None], row]) for row in rows], axis=1)
     except np.linalg.LinAlgError as error:
         why = (
             "h2 finds a singular matrix at some line: an output does not move"
@@ -253,45 +262,16 @@ def _input_power(data: CrossSpectra) -> FloatArray:
     return np.asarray(np.maximum(np.linalg.eigvalsh(S / np.outer(rms, rms)), 0.0))
 
 
-def _quality(freq_hz: FloatArray, data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
+def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Coherences and levels; the noise in the inputs is unknown and counts as none."""
+    noise, relative = power(C_V), np.sqrt(_input_power(data)[:, ::-1])
     ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
-    noise = power(C_V)
     return Quality(
         coherence=ordinary,
         multiple_coherence=multiple,
         singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=np.sqrt(_input_power(data)[:, ::-1]),
+        input_singular_values=relative,
         input_noise=np.zeros((len(G), G.shape[2])),
         output_noise=noise,
-        excited=Levels(freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e)),
+        excited=Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e)),
     )
-
-
-def _notes(freq_hz: FloatArray, G: ComplexArray, covariance: Covariance, quality: Quality, first: Record) -> list[Note]:
-    """A note where inputs move together, and one on resonances that a segment does not resolve."""
-    notes = []
-    condition = float(np.median(quality.condition))
-    if condition > LIMITS.condition:
-        text = (
-            f"the inputs move nearly together: the condition of their spectra is {condition:.3g} at the median line (1 "
-            "is best); excite each with its own noise"
-        )
-        notes.append(Note("inputs-move-together", text))
-    if len(freq_hz) < 3:
-        return notes
-    spacing = float(np.min(np.diff(freq_hz)))
-    # Leakage is most of the variance at such a peak, which stands out of the noise by 10 dB.
-    f_0, width = local_modes(freq_hz, G, covariance.variance / 4)
-    narrow = np.flatnonzero(width < 4.0 * spacing)
-    if narrow.size:
-        worst = narrow[np.argmin(width[narrow])]
-        unit = "Hz" if first.rate_is_known else "of the sampling rate"
-        longer = 2 * 4.0 / width[worst]
-        text = (
-            f"segments of {1 / spacing:.3g} s barely resolve {narrow.size} of {len(f_0)} resonances, that at "
-            f"{f_0[worst]:.4g} {unit} least: its peak is flattened and its damping too large, beyond the "
-            f"variance; take estimator.segment {longer:.3g} or more where the records allow it, or local_rational"
-        )
-        notes.append(Note("segment-too-short", text))
-    return notes

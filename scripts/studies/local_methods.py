@@ -21,8 +21,7 @@ from scipy.signal import chirp
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
-from elastid.frf.local.regression import settled_spectra
-from elastid.frf.local.response import local_response
+from elastid.frf.local.response import local_response, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.response import FrequencyResponse

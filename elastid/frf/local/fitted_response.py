@@ -12,24 +12,58 @@ No transient is in them, and a resonance has the coherence of its line, not the 
 G has the power of its own variance, cov(vec G) = left (x) C_V, which is subtracted: without, noise alone would have a
 coherence of unknowns over equations.  In closed loop inputs and outputs are what the reference drives: S_uu = B_u
 S_rr B_u^H.
+
+A model that is too simple for a window passes part of G off as transient, and its residual does not show it: a
+polynomial in a window wider than a resonance, a rational function with too few poles beside one.  A richer model of
+about the same data differs from it by noise alone where both are right.  With g the mean over neighbouring lines of
+
+.. math:: \frac{|G - G_{richer}|^2}{\sigma^2 + \sigma^2_{richer}}
+
+the squared error (g - 1)(sum of the variances) is added to the variance of G where g is clearly above 1; of several
+richer models that with the largest error counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.frf.covariance import kronecker
-from elastid.frf.local.least_squares import LocalFit, Windows
-from elastid.frf.local.regression import SettledSpectra
+from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.matrices import adjoint, power
 from elastid.frf.quality import coherences_of_powers, relative_singular_values
 from elastid.response import Covariance, Levels, Quality
 
-_MAX_CONDITION = 1e9  # of the regressors of a line
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of a fit; false-alarm rates: not measured."""
+
+    condition: float = 1e9  # of the regressors of a line
+    lines: int = 11  # over which a difference to a richer model is averaged
+    ratio: float = 1.5  # of its mean square to its variance, above which a difference is more than noise
+    variance_ratio: float = 400.0  # a richer model of a variance so many times that of G shows no error of G
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """The experiments of a local fit: n_y outputs; closed where the reference drives; periods (E,) of each.
+
+    C_Z (F, n_y + n_u, n_y + n_u): noise of [Y; U] in one period at the lines of G, with its dof; None where no bin
+    separates it from the response.
+    """
+
+    n_y: int
+    closed: bool
+    periods: FloatArray
+    C_Z: ComplexArray | None
+    dof: float
 
 
 @dataclass(frozen=True)
@@ -52,21 +86,19 @@ class FittedResponse:
     C_noise: ComplexArray | None = None
 
 
-def separates_inputs(fit: LocalFit, closed: bool, n_y: int) -> BoolArray:
+def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
     """Flags (F,) of the lines where the fit separates the inputs."""
-    separate = fit.condition < _MAX_CONDITION
-    if closed:
-        B_u = fit.B[:, n_y:]
+    separate = fit.condition < LIMITS.condition
+    if experiments.closed:
+        B_u = fit.B[:, experiments.n_y :]
         rms = np.sqrt(np.mean(np.abs(B_u) ** 2, axis=(0, 2)))
-        separate &= np.linalg.cond(B_u / np.where(rms > 0, rms, 1.0)[:, None]) < _MAX_CONDITION
+        separate &= np.linalg.cond(B_u / np.where(rms > 0, rms, 1.0)[:, None]) < LIMITS.condition
     return separate
 
 
-def fitted_response(
-    fit: LocalFit, spectra: Sequence[SettledSpectra], closed: bool, usable: BoolArray
-) -> FittedResponse:
+def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) -> FittedResponse:
     """G at the usable lines, its covariance by noise, and the total one from the residual."""
-    n_y = spectra[0].Y.shape[1]
+    n_y, closed, dof = experiments.n_y, experiments.closed, experiments.dof
     B = fit.B[usable]
     F, _, n_u = B.shape
     B_u = B[:, n_y:] if closed else np.broadcast_to(np.eye(n_u, dtype=np.complex128), (F, n_u, n_u))
@@ -79,10 +111,9 @@ def fitted_response(
     poles = (M, fit.A_cov[usable])
     C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ adjoint(of_fit)
     total = _covariance(left, C_total, fit.dof, poles)
-    if not all(spectrum.settled for spectrum in spectra):
+    if experiments.C_Z is None:
         return FittedResponse(G, None, total, B_u, left, C_total)
-    dof = sum(spectrum.dof for spectrum in spectra)
-    C_Z = np.sum([each.noise[usable] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
+    C_Z = experiments.C_Z[usable]
     C_noise = N @ C_Z @ adjoint(N)
     # The part of cov(A) that noise explains, by its share in the total.
     share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
@@ -110,26 +141,53 @@ def _covariance(
     return kronecker(left, right, dof)
 
 
-def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
-    """Mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
-    n_w = where.index.shape[1]
-    bins = np.einsum("ebu,ebv->buv", R, R.conj())
-    # Sums from the first bin to the one before the last, which may be the end of the array.
-    bounds = where.index[:, [0, -1]].ravel()
-    sums = np.add.reduceat(bins, bounds, axis=0)[::2] if n_w > 1 else 0.0
-    return np.asarray((sums + bins[where.index[:, -1]]) / n_w)
+def local_mean(x: FloatArray) -> FloatArray:
+    """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
+    F = len(x)
+    total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
+    first = np.maximum(np.arange(F) - LIMITS.lines // 2, 0)
+    last = np.minimum(np.arange(F) + LIMITS.lines // 2 + 1, F)
+    return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
 
 
-def local_quality(
-    freq_hz: FloatArray, fitted: FittedResponse, spectra: Sequence[SettledSpectra], S_rr: ComplexArray
-) -> Quality:
-    """Quality of G (F, n_y, n_u), its nonlinear levels excepted; S_rr (F, n_u, n_u): `window_power` of what drives.
+def with_model_error(
+    fitted: FittedResponse, richer: Sequence[tuple[LocalFit, BoolArray]], experiments: Experiments, usable: BoolArray
+) -> Covariance:
+    """The total covariance of G at the usable lines with the error of its model, as richer ones show it.
+
+    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
+    their correlations stay.
+    """
+    G, total = fitted.G, fitted.total
+    error = np.zeros(G.shape)
+    for fit, has_more in richer:
+        compared = usable & has_more & separates_inputs(fit, experiments)
+        if not compared.any():
+            continue
+        on, other = compared[usable], fitted_response(fit, experiments, compared)
+        difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
+        difference[on], variance[on] = G[on] - other.G, other.total.variance
+        is_informative = variance <= LIMITS.variance_ratio * total.variance
+        difference = np.where(is_informative, difference, 0.0)
+        both = total.variance + np.where(is_informative, variance, 0.0)
+        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+        g = local_mean(ratio)
+        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
+    relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
+    factor = np.sqrt(1 + relative.mean(axis=2))
+    right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
+    return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)
+
+
+def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArray, S_rr: ComplexArray) -> Quality:
+    """Quality of G (F, n_y, n_u), its nonlinear levels excepted; periods (E,) of each experiment.
+
+    S_rr (F, n_u, n_u): `window_power` of what drives.
 
     Where bins between the lines separate the noise, that of one period counts, with the error of the transient that was
     taken out, and what else the residual has once; else the residual is the noise, and none is known of the inputs.
     """
     G, n_y = fitted.G, fitted.G.shape[1]
-    periods = np.array([spectrum.n_periods for spectrum in spectra])
     S_uu = fitted.B_u @ S_rr @ adjoint(fitted.B_u) / periods.sum()
     C_V, noise = power(fitted.C_total), np.zeros(S_uu.shape[:2])
     output_noise = C_V

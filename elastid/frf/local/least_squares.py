@@ -15,15 +15,30 @@ Offsets are in units of the furthest bin, so that powers of them are of one size
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.matrices import adjoint
 
+# Numbers in the arrays of one block of lines: 64 MB.
+_BLOCK_NUMBERS = 4_000_000
+# Degree of the numerator and denominator of a transient alone.
+_ORDER, _POLES = 2, 2
 # Powers of r times Z that the other terms explain up to this part do not determine A.
 _ROUNDING = 1e-11
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Threshold of the ladder; false alarms, poles that fit mere noise: one in 100 lines."""
+
+    log_gain: float = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -55,6 +70,16 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
         offset=distance / np.maximum(np.abs(distance).max(axis=1, keepdims=True), 1),
         span=(available[index[:, -1]] - available[index[:, 0]]).astype(np.int64),
     )
+
+
+def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
+    """Mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
+    n_w = where.index.shape[1]
+    bins = np.einsum("ebu,ebv->buv", R, R.conj())
+    # Sums from the first bin to the one before the last, which may be the end of the array.
+    bounds = where.index[:, [0, -1]].ravel()
+    sums = np.add.reduceat(bins, bounds, axis=0)[::2] if n_w > 1 else 0.0
+    return np.asarray((sums + bins[where.index[:, -1]]) / n_w)
 
 
 @dataclass(frozen=True)
@@ -127,6 +152,89 @@ class _Solution:
     V_X: ComplexArray
     a: ComplexArray
     scale: FloatArray
+
+
+@dataclass(frozen=True)
+class LadderFit:
+    """The fit of the model that each line takes, those of all models at all lines, and taken (F,): its index.
+
+    terms: of the last model, for which the windows are made.
+    """
+
+    chosen: LocalFit
+    models: tuple[LocalFit, ...]
+    taken: IntArray
+    where: Windows
+    terms: WindowTerms
+
+    def richer(self) -> list[tuple[LocalFit, BoolArray]]:
+        """Each further model with the lines (F,) that take a simpler one."""
+        return [(model, self.taken < i) for i, model in enumerate(self.models) if i]
+
+
+_ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
+
+
+def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
+    """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
+
+    ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
+    less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
+    estimate worse, most at the ends of the band.  dof of the chosen fit is that of the last.
+    """
+    fits = tuple(_in_blocks(Z, R, where, terms) for terms in ladder)
+    chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
+    power, taken = _power(chosen), np.zeros(len(where.index), dtype=np.int64)
+    for i, fit in enumerate(fits[1:], 1):
+        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LIMITS.log_gain
+        power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
+        chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
+    return LadderFit(chosen, fits, taken, where, ladder[-1])
+
+
+def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
+    """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None where these are too few."""
+    if len(rest) <= _ORDER + _POLES + 1:
+        return None
+    ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
+    # The noise estimate has five degrees of freedom more than there are outputs.
+    where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
+    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
+
+
+def _power(fit: LocalFit) -> FloatArray:
+    """Residual power (F, n_z) of each output."""
+    return np.asarray(np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof)
+
+
+def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
+    """The same fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
+    more = poles - fit.M.shape[1]
+    return replace(
+        fit,
+        M=np.pad(fit.M, ((0, 0), (0, more), (0, 0), (0, 0))),
+        A_cov=np.pad(fit.A_cov, ((0, 0), (0, more), (0, more))),
+        scatter=fit.scatter * (dof / fit.dof),
+        dof=dof,
+    )
+
+
+def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
+    """a at the lines taken (F,), b elsewhere."""
+    arrays = {name: getattr(b, name).copy() for name in _ARRAYS}
+    for name, array in arrays.items():
+        array[take] = getattr(a, name)[take]
+    return LocalFit(dof=a.dof, **arrays)
+
+
+def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
+    """One model at all lines, in blocks that bound the memory."""
+    E, _, n_z = Z.shape
+    F, n_w = where.index.shape
+    numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)
+    step = max(1, _BLOCK_NUMBERS // numbers)
+    fits = [fit_block(Z, R, where.on(slice(i, i + step)), terms) for i in range(0, F, step)]
+    return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
 
 
 def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:

@@ -10,14 +10,27 @@ configuration enter one regression.  Its residual holds noise and stochastic non
 `total`; `noise` comes from the bins between the excited ones.
 (Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010, parts I and II.)
 
-A model that is too simple for a window passes part of G off as transient, and its residual does not show it: a
-polynomial in a window wider than a resonance, a rational function with too few poles beside one.  A richer model of
-about the same data differs from it by noise alone where both are right.  With g the mean over neighbouring lines of
+The DFT of P whole periods has the excited lines at every P-th bin; the bins between hold transient and noise alone.
+(In one period of a half-wave record the even bins do, where even nonlinear distortion then counts as noise.)
 
-.. math:: \frac{|G - G_{richer}|^2}{\sigma^2 + \sigma^2_{richer}}
+.. math:: Z(k) = G_{zr}(k) R(k) + T(k) + V(k), \quad A_k(r) T(k + r) = T_k(r)
 
-the squared error (g - 1)(sum of the variances) is added to the variance of G where g is clearly above 1; of several
-richer models that with the largest error counts.
+T has the poles of the system and no others: near a bin a rational function of low order whatever the damping, where a
+polynomial fails as soon as a mode is narrower than a window. All signals of a record share A. So no period is lost,
+and a drift (a position that gains from end to end) is part of T.
+(Transient removal of the robust method, Pintelon and Schoukens, 2nd ed., section 7.3, with a rational T.)
+
+Of records whose inputs are proportional, R_e = c_e R, every combination with sum c_e a_e = 0 has no input: it
+determines a transient of its own and nothing else.  The one combination with all of the input,
+
+.. math:: \bar Z = \frac{\sum_e P_e c_e Z_e}{\sum_e P_e c_e^2}, \quad
+          C_{\bar Z} = \frac{\sum_e P_e^2 c_e^2 C_{Z,e}}{(\sum_e P_e c_e^2)^2}
+
+has the noise of a mean of sum P_e c_e^2 periods and one transient, smooth as theirs.  So windows are as wide as for a
+single experiment, and their residual holds the errors of the local model, which repeats would hide.
+
+A repeat that starts a little later has R_e = exp(-j omega tau) R, which no common gain describes, but within a window
+it is as dependent.  Such records stay apart, and do not count where windows are sized.
 """
 
 from __future__ import annotations
@@ -26,54 +39,78 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.lines import analysed_lines, described_lines
-from elastid.frf.local.fitted_response import fitted_response, local_quality, separates_inputs, window_power
-from elastid.frf.local.least_squares import LocalFit, Windows, WindowTerms, windows
-from elastid.frf.local.regression import (
+from elastid.frf.lines import analysed_lines
+from elastid.frf.local.fitted_response import (
+    Experiments,
+    fitted_response,
+    local_quality,
+    separates_inputs,
+    with_model_error,
+)
+from elastid.frf.local.least_squares import (
     LadderFit,
-    SettledSpectra,
-    driver_of,
+    LocalFit,
+    WindowTerms,
     fit_ladder,
-    independent_excitations,
-    merge_repeats,
-    settled_spectra,
+    fitted_transient,
+    window_power,
+    windows,
 )
 from elastid.frf.matrices import power
-from elastid.frf.quality import local_modes, measured_response, wide_windows
+from elastid.frf.quality import left_out_note, local_modes, measured_response, wide_windows
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra, single_logs
-from elastid.record import Record
-from elastid.response import Covariance, FrequencyResponse
+from elastid.frf.spectra import RecordSpectra, unit_scale, whole_logs
+from elastid.record import Motion, Record
+from elastid.response import FrequencyResponse
 
 
 @dataclass(frozen=True)
 class Limits:
     """Thresholds of the local methods; false-alarm rates: not measured."""
 
-    lines: int = 11  # over which a difference to a richer model is averaged
-    ratio: float = 1.5  # of its mean square to its variance, above which a difference is more than noise
-    variance_ratio: float = 400.0  # a richer model of a variance so many times that of G shows no error of G
     dof: int = 6  # of a useful variance, at least: its standard deviation is then 40 %
     margin_dof: int = 2  # beyond the number of outputs
     input_snr: float = 10.0  # power of an excited input over its noise (10 dB),
     excited_share: float = 0.05  # at this part of the lines at least
+    difference: float = 0.2  # of inputs, after the best gain, relative, below which they are repeats
+    correlation: float = 0.5  # of two inputs in a window, from which on they are one excitation; random phases: 0.3
 
 
 LIMITS = Limits()
 
 
-def local_mean(x: FloatArray) -> FloatArray:
-    """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
-    F = len(x)
-    total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
-    first = np.maximum(np.arange(F) - LIMITS.lines // 2, 0)
-    last = np.minimum(np.arange(F) + LIMITS.lines // 2 + 1, F)
-    return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
+@dataclass(frozen=True)
+class SettledSpectra:
+    """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
+
+    noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin separates
+    the transient from the response: then it is still in Y and U, and noise is 0.
+    """
+
+    Y: ComplexArray
+    U: ComplexArray
+    R: ComplexArray | None
+    n_periods: float
+    settled: bool
+    noise: ComplexArray
+    dof: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Z (E, F, n_z) and the input R (E, F, n_u) of E experiments at lines (F,); G is at lines[every], `step` apart."""
+
+    Z: ComplexArray
+    R: ComplexArray
+    lines: IntArray
+    every: slice
+    step: int
 
 
 def local_response(
@@ -85,158 +122,158 @@ def local_response(
     spec are left out in any case.  noise is None where there are only excited lines.  most_lines: of G at most, evenly
     taken from those that it would have, each from the same window.
 
-    Raises DataError where the lines are too few or the experiments do not separate the inputs.
+    Raises DataError where a sample or period is missing, the lines are too few or the experiments do not separate the
+    inputs.
     """
-    records = [log for record in records for log in single_logs(record)]
-    first = records[0]
-    _refuse_incomplete(records)
-    all_lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
+    records, cut = _of_one_length(records)
+    logs = whole_logs(records)
+    first = logs[0]
+    all_lines = analysed_lines([RecordSpectra(log) for log in logs], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    spectra = [settled_spectra(record, all_lines, spec.quantity, dropped) for record in records]
+    spectra = [settled_spectra(log, all_lines, spec.quantity, dropped) for log in logs]
     _refuse_dead_inputs(first, spectra)
     closed = all(spectrum.R is not None for spectrum in spectra)
-    spectra, repeated = merge_repeats(spectra, closed), len(spectra)
-    ladder = _ladder(spec, len(first.inputs), transient=not all(spectrum.settled for spectrum in spectra))
-    # Each record times sqrt(P): then noise is that of one period in all of them.
-    root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
-    Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
-    R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
-    step = _step(spec, first)
-    thinning = 1 if most_lines is None else max(1, -(-len(all_lines) // (step * most_lines)))
-    every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
-    spectra = [replace(spectrum, noise=spectrum.noise[every]) for spectrum in spectra]
-    where = _windows(all_lines, ladder[-1], spec, first, (Z, R), every)
-    fits = fit_ladder(Z, R, where, ladder)
-    fit = fits.chosen
-    usable = separates_inputs(fit, closed, len(first.outputs))
+    spectra = merge_repeats(spectra, closed)
+    signals = _signals(spectra, closed, all_lines, _step(spec, first), most_lines)
+    experiments = _experiments(spectra, closed, signals.every)
+    fits, richer = _fits(signals, spec, first, transient=experiments.C_Z is None)
+    S_rr = window_power(signals.R, fits.where)
+    usable = separates_inputs(fits.chosen, experiments)
     if not usable.any():
         raise DataError(
             f"configuration {first.configuration.name}: {spec.method} cannot separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
             "each its own random phases"
         )
-    lines = all_lines[every]
-    of_lines = fitted_response(fit, spectra, closed, usable)
-    G, total = of_lines.G, of_lines.total
-    if ladder[-1].transient:
-        richer = _richer_models(fits, all_lines, (Z, R), spec, first, every)
-        total = _with_model_error(G, total, richer, spectra, closed, usable)
-    freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
-    notes = [note for record in records for note in record.notes]
+    fitted = fitted_response(fits.chosen, experiments, usable)
+    total = with_model_error(fitted, richer, experiments, usable)
+    lines, span = all_lines[signals.every], fits.where.span
+    freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, span))
+    quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
+    notes = [*cut, *(note for log in logs for note in log.notes)]
     if not usable.all():
-        left_out = described_lines(lines[~usable], first)
-        notes.append(Note("lines-left-out", f"lines {left_out} are left out: inputs move in proportion"))
-    if len(spectra) < repeated:
+        notes.append(left_out_note(lines[~usable], first, "inputs move in proportion"))
+    if len(spectra) < len(logs):
         text = (
-            f"{repeated} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}: repeats, "
+            f"{len(logs)} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}: repeats, "
             "whose inputs are the same up to a gain, are averaged first and count as one experiment"
         )
         notes.append(Note("repeats-averaged", text, severity="information"))
-    unit = "Hz" if first.rate_is_known else "of the sampling rate"
+    unit, n_w = "Hz" if first.rate_is_known else "of the sampling rate", fits.where.index.shape[1]
     text = (
-        f"{spec.method} of order {ladder[-1].order} in windows of {where.index.shape[1]} lines "
-        f"({np.median(span_hz):.3g} {unit}), {fit.dof:.3g} degrees of freedom"
+        f"{spec.method} of order {fits.terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} {unit}), "
+        f"{fits.chosen.dof:.3g} degrees of freedom"
     )
     notes.append(Note("local-method", text, severity="information"))
-    notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
-    quality = local_quality(freq_hz, of_lines, spectra, window_power(R, where)[usable])
+    notes += wide_windows(local_modes(freq_hz, fitted.G, total.variance), freq_hz, span_hz, fits.terms.poles)
     response = measured_response(
-        first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
+        first, spec.quantity, freq_hz, fitted.G, noise=fitted.noise, total=total, quality=quality, notes=tuple(notes)
     )
     # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
-    together = 4 / 9 * where.index.shape[1] / step
-    return replace(response, correlated_lines=max(1.0, together) / thinning)
+    thinning = signals.every.step // signals.step
+    return replace(response, correlated_lines=max(1.0, 4 / 9 * n_w / signals.step) / thinning)
 
 
-def _refuse_incomplete(records: Sequence[Record]) -> None:
-    """DataError for a record of which periods are left out."""
-    for record in records:
-        if record.left_out:
-            periods = ", ".join(str(period + 1) for period in record.left_out)
-            raise DataError(
-                f"record {record.name}: too many samples of period {periods} are missing, and a local method takes a "
-                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
-            )
+def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
+    """Records without a period cut to the shortest, since their lines are compared, and a note on it."""
+    lengths = np.array([record.n_samples for record in records])
+    n = int(lengths.min())
+    if records[0].is_periodic or np.all(lengths == n):
+        return records, ()
+    first = records[0]
+    where = f"configuration {first.configuration.name}"
+    seconds = f"{n / first.rate_hz:g} to {lengths.max() / first.rate_hz:g} s"
+    if n < 0.5 * lengths.max():
+        raise DataError(
+            f"{where}: its records last {seconds}, and a local method needs one length: cut them with "
+            "samples: [first, last], or take estimator.method h1"
+        )
+    cut = [
+        replace(each, u=each.u[:n], y=each.y[:n], r=None if each.r is None else each.r[:n], period_samples=n)
+        for each in records
+    ]
+    text = f"records of {seconds} are cut to the shortest, since a local method compares them line by line"
+    return cut, (Note("records-cut", text, where),)
 
 
-def _richer_models(
-    fits: LadderFit,
-    lines: IntArray,
-    signals: tuple[ComplexArray, ComplexArray],
-    spec: EstimatorSpec,
-    first: Record,
-    every: slice,
-) -> list[tuple[LocalFit, BoolArray]]:
-    """Fits with more poles than those taken, each with the lines (F,) where it has more.
+def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
+    """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
+    P = record.n_periods - dropped
+    used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
+    n = used.stop - used.start
+    freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
+    Y, U, R = (None if x is None else rfft(x[used], axis=0) * (2 / n) for x in (record.y, record.u, record.r))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, freq_hz, quantity)
+    n_y, bins = len(record.outputs), lines * P
+    # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
+    inner = np.arange(1, len(Z) - 1)
+    rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
+    fit, at_lines = fitted_transient(Z[rest], rest, bins, n_y), Z[bins]
+    noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
+    if fit is not None:
+        at_lines = at_lines - fit.T[:, 0]
+        noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
+    Y, U, R = at_lines[:, :n_y], at_lines[:, n_y:], None if R is None else R[bins]
+    return SettledSpectra(Y, U, R, n_periods=P, settled=fit is not None, noise=noise, dof=dof)
 
-    For a polynomial that is the rational fit as `auto` would take it; none where lines are too few for its windows.
+
+def _signals(
+    spectra: Sequence[SettledSpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
+) -> _Signals:
+    """Each record times sqrt(P): then noise is that of one period in all of them."""
+    root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
+    Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
+    R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
+    thinning = 1 if most_lines is None else max(1, -(-len(lines) // (step * most_lines)))
+    every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
+    return _Signals(Z, R, lines, every, step)
+
+
+def _experiments(spectra: Sequence[SettledSpectra], closed: bool, every: slice) -> Experiments:
+    """With the noise of all records in one period, each by its degrees of freedom."""
+    dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
+    if all(spectrum.settled for spectrum in spectra):
+        C_Z = np.sum([each.noise[every] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
+    periods = np.array([spectrum.n_periods for spectrum in spectra])
+    return Experiments(spectra[0].Y.shape[1], closed, periods, C_Z, dof)
+
+
+def _fits(
+    signals: _Signals, spec: EstimatorSpec, first: Record, transient: bool
+) -> tuple[LadderFit, list[tuple[LocalFit, BoolArray]]]:
+    """The fit at each line of G; and with a transient richer ones, each with the lines (F,) where it has more poles.
+
+    For a polynomial the richer one is the rational fit as `auto` would take it, where lines are enough for its windows.
+    Raises DataError where they are too few for those of the spec.
     """
-    if spec.method == "local_rational":
-        return [(model, fits.taken < i) for i, model in enumerate(fits.models) if i]
-    rational = replace(spec, method="local_rational", local_order="auto")
-    ladder = _ladder(rational, len(first.inputs), transient=True)
-    try:
-        where = _windows(lines, ladder[-1], rational, first, signals, every)
-    except DataError:
-        return []
-    return [(fit_ladder(*signals, where, ladder).chosen, np.ones(len(where.index), dtype=np.bool_))]
+    n_u, n_lines = len(first.inputs), len(signals.lines)
+    ladders = [_ladder(spec, n_u, transient)]
+    if transient and spec.method == "local_polynomial":
+        ladders.append(_ladder(replace(spec, method="local_rational", local_order="auto"), n_u, transient))
+    widths = [_window_lines(signals, ladder[-1], len(first.outputs)) for ladder in ladders]
+    if widths[0] > n_lines:
+        raise DataError(
+            f"configuration {first.configuration.name}: {spec.method} needs {widths[0]} lines in a window, {n_lines} "
+            "are excited; widen band_hz, measure more experiments, or take a longer period or record"
+        )
+    fits = []
+    for ladder, n_w in zip(ladders, widths, strict=True):
+        if n_w <= n_lines:
+            where = windows(signals.lines, signals.lines[signals.every], max(n_w, min(signals.step, n_lines)))
+            fits.append(fit_ladder(signals.Z, signals.R, where, ladder))
+    everywhere = np.ones(len(fits[0].taken), dtype=np.bool_)
+    return fits[0], [*fits[0].richer(), *((fit.chosen, everywhere) for fit in fits[1:])] if transient else []
 
 
-def _with_model_error(
-    G: ComplexArray,
-    total: Covariance,
-    richer: Sequence[tuple[LocalFit, BoolArray]],
-    spectra: Sequence[SettledSpectra],
-    closed: bool,
-    usable: BoolArray,
-) -> Covariance:
-    """The total covariance of G at the usable lines with the error of its model, as richer ones show it.
-
-    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
-    their correlations stay.
-    """
-    error = np.zeros(G.shape)
-    for fit, has_more in richer:
-        compared = usable & has_more & separates_inputs(fit, closed, G.shape[1])
-        if not compared.any():
-            continue
-        on, other = compared[usable], fitted_response(fit, spectra, closed, compared)
-        difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
-        difference[on], variance[on] = G[on] - other.G, other.total.variance
-        is_informative = variance <= LIMITS.variance_ratio * total.variance
-        difference = np.where(is_informative, difference, 0.0)
-        both = total.variance + np.where(is_informative, variance, 0.0)
-        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
-        g = local_mean(ratio)
-        error = np.maximum(error, np.where(g > LIMITS.ratio, (g - 1) * both, 0.0))
-    relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
-    factor = np.sqrt(1 + relative.mean(axis=2))
-    right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
-    return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)
-
-
-def _windows(
-    lines: IntArray,
-    terms: WindowTerms,
-    spec: EstimatorSpec,
-    first: Record,
-    signals: tuple[ComplexArray, ComplexArray],
-    every: slice,
-) -> Windows:
-    """Windows around lines[every] for Z (E, F, n_z) and R (E, F, n_u) at lines (F,); DataError where these are too few.
+def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
+    """Lines that a window needs.
 
     Where each experiment has a transient of its own, only different excitations separate the response from it.
     """
-    Z, R = signals
-    dof = max(len(first.outputs) + LIMITS.margin_dof, LIMITS.dof)
-    E = independent_excitations(R, terms.width(dof, 1, Z.shape[2])) if terms.transient else len(Z)
-    n_w = terms.width(dof, E, Z.shape[2])
-    if n_w > len(lines):
-        raise DataError(
-            f"configuration {first.configuration.name}: {spec.method} needs {n_w} lines in a window, "
-            f"{len(lines)} are excited; widen band_hz, measure more experiments, or take a longer period or record"
-        )
-    return windows(lines, lines[every], max(n_w, min(_step(spec, first), len(lines))))
+    n_z, dof = signals.Z.shape[2], max(n_y + LIMITS.margin_dof, LIMITS.dof)
+    E = independent_excitations(signals.R, terms.width(dof, 1, n_z)) if terms.transient else len(signals.Z)
+    return terms.width(dof, E, n_z)
 
 
 def _step(spec: EstimatorSpec, first: Record) -> int:
@@ -268,3 +305,64 @@ def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]
     d = 3 if d == "auto" else d
     orders = [(d - 1, 0), (d - 1, d - 1), (d, d)] if d > 1 else [(1, 0), (1, 1)]
     return [WindowTerms(n_u, order, poles, transient) for order, poles in orders]
+
+
+def independent_excitations(R: ComplexArray, n_w: int) -> int:
+    """Number of the inputs R (E, F, n_u) that differ within windows of n_w lines, by more than a complex factor."""
+    E, F, _ = R.shape
+    if E == 1:
+        return 1
+    parts = np.array_split(R, max(1, F // n_w), axis=1)
+    grams = np.array([np.einsum("efu,gfu->eg", part, part.conj()) for part in parts])
+    powers = np.einsum("cee->ce", grams).real
+    both = np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0)
+    # Where the inputs are strong counts most.
+    correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
+    leaders: list[int] = []
+    for e in range(E):
+        if all(correlation[e, leader] < LIMITS.correlation for leader in leaders):
+            leaders.append(e)
+    return len(leaders)
+
+
+def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[SettledSpectra]:
+    """One experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
+    groups: list[list[SettledSpectra]] = []
+    for spectrum in spectra:
+        own = next((g for g in groups if _gain(driver_of(g[0], closed), driver_of(spectrum, closed)) is not None), None)
+        if own is None:
+            groups.append([spectrum])
+        else:
+            own.append(spectrum)
+    return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
+
+
+def driver_of(spectra: SettledSpectra, closed: bool) -> ComplexArray:
+    """The reference in closed loop, else the inputs."""
+    return spectra.R if closed and spectra.R is not None else spectra.U
+
+
+def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
+    """c with other = c of up to a small difference, both (F, n_u); None where there is none."""
+    power, own = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
+    if power == 0 or own == 0:
+        return None
+    c = float(np.sum(R.conj() * R_other).real / power)
+    return c if np.sum(np.abs(R_other - c * R) ** 2) < LIMITS.difference**2 * own else None
+
+
+def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
+    """The combination of records with proportional inputs that has all of the input."""
+    gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
+    pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
+    total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
+    known = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]
+    return SettledSpectra(
+        Y=np.sum([weight * spectrum.Y for weight, spectrum in pairs], axis=0) / total,
+        U=np.sum([weight * spectrum.U for weight, spectrum in pairs], axis=0) / total,
+        R=np.sum(known, axis=0) / total if len(known) == len(group) else None,
+        n_periods=total,
+        settled=all(spectrum.settled for spectrum in group),
+        noise=np.sum([weight**2 * spectrum.noise for weight, spectrum in pairs], axis=0) / total**2,
+        dof=sum(spectrum.dof for spectrum in group),
+    )
