@@ -33,9 +33,9 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import equilibrium, preloads
+from elastid.model.drivetrain import deflections
+from elastid.model.drivetrain import tangents as tangent_stiffness
 from elastid.model.elastic import ElasticModel
-from elastid.model.springs import deflections
-from elastid.model.springs import tangents as tangent_stiffness
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 

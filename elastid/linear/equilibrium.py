@@ -19,9 +19,9 @@ from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.model.closed_posture import assembled
+from elastid.model.drivetrain import deflections, tangents
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions, null_space
-from elastid.model.springs import deflections, tangents
 from elastid.record import Configuration
 
 

@@ -21,11 +21,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.model.closed_posture import assembled
+from elastid.model.drivetrain import Strain
 from elastid.model.frame_tree import tree
-from elastid.model.loop_closure import Closure, elastic
+from elastid.model.loop_closure import Closure
 from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
 from elastid.model.spec import Variant
-from elastid.model.springs import Strain
 from elastid.robot import Loop, Robot
 
 # Variants in which rods do not stretch and nothing bends inside a loop.
@@ -62,7 +62,7 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
     An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
     """
-    straightened, axes, elastic_joints = ca.SX(q), _axes(robot), set(elastic_joints_within(robot))
+    straightened, elastic_joints, axes = ca.SX(q), set(elastic_joints_within(robot)), _axes(robot)
     for branches in robot.branches:
         for branch in branches:
             passive = [i for i in branch if robot.joints[i].is_passive]
@@ -84,10 +84,10 @@ def _axes(robot: Robot) -> list[FloatArray]:
     return axes
 
 
-def series_stiffness(robot: Robot, equations: Equations, loops: Sequence[Closure], constant: bool) -> Equations:
-    """The gear springs of levers with those of their elastic rods in series; constant: as at the start posture."""
+def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Closure], constant: bool) -> Equations:
+    """The gear springs of levers with those of the elastic rods of loops in series; constant: as at the start."""
     theta = by_name(equations)
-    for closure in elastic(loops):
+    for closure in stretched:
         lever = _lever(robot, closure.loop)
         joint, name = robot.joints[lever].name, closure.loop.name
         y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]

@@ -49,7 +49,7 @@ def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
 
 
 def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> ElasticModel:
-    """The ElasticModel with the independent coordinates of `spec`; StudyError for names that are no coordinates."""
+    """The ElasticModel with the independent coordinates of `spec`; StudyError where a variant does not fit."""
     equations = open_chain(robot, geometry)
     moving = [name for name in robot.geometry if name in equations.parameters]
     if spec.variant == "constant_stiffness" and moving:
@@ -59,17 +59,15 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
         )
     q = equations.q[: len(robot.joints)]
     loops = closures(robot, unbent(robot, q) if spec.variant == "bending_outside" else q, by_name(equations))
+    stretched = elastic(loops)
     equations = with_rod_inertia(robot, equations, loops, lumped=spec.variant == "lumped_rod")
     if spec.variant in STIFF:
         rows = [*(closure.rows for closure in loops), *(equations.q[i] for i in elastic_joints_within(robot))]
         if spec.variant != "rigid_loop":
-            equations = series_stiffness(robot, equations, loops, constant=spec.variant == "constant_stiffness")
+            equations = series_stiffness(robot, equations, stretched, constant=spec.variant == "constant_stiffness")
     else:
-        equations = cut(equations, loops)
-        stretched = elastic(loops)
+        equations = cut(equations, stretched)
         rows = [closure.rows for closure in loops if closure not in stretched]
-    for _, refused in spec.independent_refusals(equations.coordinates):
-        raise StudyError(f"model.independent: {refused}")
     return elastic_model(robot, replace(equations, phi=ca.vertcat(equations.phi, *rows)), spec.independent)
 
 
@@ -83,8 +81,8 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     geometry: names of robot.geometry that are parameters of the model besides robot.parameters(); others do not count.
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
-    if robot.loops and (refused := spec.loop_refusal(robot)):
-        raise StudyError(f"model.formulation: {refused}")
+    for (key, *_), refused in spec.refusals(robot):
+        raise StudyError(f"model.{key}: {refused}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)
     return (serial if formulation == "serial" else constrained)(robot, geometry)

@@ -198,6 +198,12 @@ def position(
     return p
 
 
+def direction(layout: Tree, turned: Sequence[Turn], seat: Attachment, vector: FloatArray, seen_from: int = -1) -> ca.SX:
+    """A direction (3,) of a body in the axes of the frame `seen_from`, as of `position`."""
+    tip, foot = (position(layout, turned, seat, point, seen_from) for point in (vector.tolist(), (0.0, 0.0, 0.0)))
+    return tip - foot
+
+
 def last_common(layout: Tree, first: int, second: int) -> int:
     """The last frame that carries both frames, itself included; -1 where only the base does."""
     below = set(carriers(layout, first))

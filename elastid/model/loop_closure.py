@@ -28,10 +28,23 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
+from elastid.model.drivetrain import Strain
 from elastid.model.elastic import ElasticModel
-from elastid.model.frame_tree import NUMBERS, Tree, Turn, between, last_common, located, position, seat, tree, turns
+from elastid.model.frame_tree import (
+    NUMBERS,
+    Attachment,
+    Tree,
+    Turn,
+    between,
+    direction,
+    last_common,
+    located,
+    position,
+    seat,
+    tree,
+    turns,
+)
 from elastid.model.open_chain import Equations, by_name, with_coordinates, with_energies, with_strains
-from elastid.model.springs import Strain
 from elastid.robot import Loop, Pin, Robot, unit_axis
 
 
@@ -74,33 +87,26 @@ def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, t
         length = theta.get(f"l_{loop.name}", loop.rod.length)
         return replace(closure, rows=rod_row(closure, length), length=length)
     if loop.pin is not None:
-        return replace(closure, rows=_pin_rows(robot, layout, turned, loop, loop.pin, gap))
+        return replace(closure, rows=_pin_rows(layout, turned, (first[0], second[0]), loop.pin, gap))
     return closure
 
 
-def _pin_rows(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, pin: Pin, gap: ca.SX) -> ca.SX:
+def _pin_rows(
+    layout: Tree, turned: tuple[Turn, ...], seats: tuple[Attachment, Attachment], pin: Pin, gap: ca.SX
+) -> ca.SX:
     """Displacements across the axis; where the pin is spatial, that along it and the two tilts as well."""
     along = unit_axis(pin.axis)
     across = np.cross(np.eye(3)[int(np.argmin(np.abs(along)))], along)
     across /= np.linalg.norm(across)
     axes = (across, np.cross(along, across), along)
-    x, y, z = (_direction(robot, layout, turned, loop, 0, axis) for axis in axes)
+    root = last_common(layout, seats[0].frame, seats[1].frame)
+    x, y, z = (direction(layout, turned, seats[0], axis, root) for axis in axes)
     rows = [ca.dot(x, gap), ca.dot(y, gap)]
     if not pin.planar:
         other = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
-        hinge = _direction(robot, layout, turned, loop, 1, other)
+        hinge = direction(layout, turned, seats[1], other, root)
         rows += [ca.dot(z, gap), ca.dot(x, hinge), ca.dot(y, hinge)]
     return ca.vertcat(*rows)
-
-
-def _direction(
-    robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, end: int, direction: FloatArray
-) -> ca.SX:
-    """A direction of an end's body in the last frame that carries both ends."""
-    seats = [seat(robot, layout, anchor.body) for anchor in loop.ends]
-    root = last_common(layout, seats[0].frame, seats[1].frame)
-    tip, foot = (position(layout, turned, seats[end], point, root) for point in (direction.tolist(), (0.0, 0.0, 0.0)))
-    return tip - foot
 
 
 def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure], lumped: bool = False) -> Equations:
@@ -140,10 +146,10 @@ def elastic(loops: Sequence[Closure]) -> list[Closure]:
     return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
-def cut(equations: Equations, loops: Sequence[Closure]) -> Equations:
-    """Elastic rods as springs and dampers between their end points."""
+def cut(equations: Equations, stretched: Sequence[Closure]) -> Equations:
+    """The elastic rods of loops as springs and dampers between their end points."""
     theta = by_name(equations)
-    for closure in elastic(loops):
+    for closure in stretched:
         name = closure.loop.name
         s = ca.norm_2(closure.gap) - closure.length
         y = ca.gradient(s, equations.q)

@@ -18,11 +18,11 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.drivetrain import drivetrain, gear_deflections, input_matrix, rotors
+from elastid.model.drivetrain import Strain, drivetrain, gear_deflections, input_matrix, joint_springs, rotors
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import tree, turns
+from elastid.model.gravity_compensators import compensators
 from elastid.model.rigid_body import bias, composites, inertias, mass_matrix, seen_from_frames
-from elastid.model.springs import Strain, compensators, joint_springs
 from elastid.robot import Robot
 
 
@@ -71,21 +71,20 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     turned = turns(layout, q[:n_l])
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
+    M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
+    f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
     J, gravity_seen = seen_from_frames(robot, layout, turned)
     J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
-    delta, (M_drive, D, K) = gear_deflections(robot), drivetrain(robot, named)
+    B, delta, (M_drive, D, K) = input_matrix(robot), gear_deflections(robot), drivetrain(robot, named)
     rigid = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
     M_carried, c_carried = rotors(robot, named, q, v, J)
     V_hard, f_hard, strains = joint_springs(robot, q, named)
     V_balance, f_balance = compensators(robot, layout, turned, q, named)
-    M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
-    f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
     M = M_bodies + M_drive + M_carried
     f = f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance
     V = q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance
     phi = ca.sparsify(ca.DM(np.vstack([np.zeros((0, n_q)), *rigid]))) @ q
-    B, parameters = input_matrix(robot), tuple(table)
-    return Equations(coordinates, parameters, q, v, theta, M, f, V, D, phi, J, gravity_seen, B, strains)
+    return Equations(coordinates, tuple(table), q, v, theta, M, f, V, D, phi, J, gravity_seen, B, strains)
 
 
 def by_name(equations: Equations) -> dict[str, ca.SX]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import did_you_mean
@@ -43,18 +43,19 @@ class ModelSpec:
             if given and self.formulation != "minimal":
                 raise ValueError(f"{key} is a choice of the minimal formulation; set formulation: minimal")
 
-    def loop_refusal(self, robot: Robot) -> str:
-        """Why the formulation is not for this robot; empty where it is."""
-        if self.formulation != "serial" or not robot.loops:
-            return ""
-        loops = ", ".join(loop.name for loop in robot.loops)
-        return (
-            f"robot {robot.name} has loops ({loops}), which the serial formulation would leave open; take constrained "
-            "or minimal"
-        )
-
-    def independent_refusals(self, coordinates: Collection[str]) -> Iterator[tuple[int, str]]:
-        """The entries of independent that are no coordinates, with their places."""
+    def refusals(self, robot: Robot) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """The keys that do not suit a robot, each with the reason: loops left open, names that are no coordinates."""
+        if self.formulation == "serial" and robot.loops:
+            loops = ", ".join(loop.name for loop in robot.loops)
+            yield (
+                ("formulation",),
+                f"robot {robot.name} has loops ({loops}), which the serial formulation would leave open; take "
+                "constrained or minimal",
+            )
+        coordinates = [
+            *(f"joint {joint.name}" for joint in robot.joints),
+            *(f"motor {joint.name}" for joint in robot.flexible),
+        ]
         for i, name in enumerate(self.independent):
             if name not in coordinates:
-                yield i, f"'{name}' is no coordinate; {did_you_mean(name, coordinates)}"
+                yield ("independent", i), f"'{name}' is no coordinate; {did_you_mean(name, coordinates)}"

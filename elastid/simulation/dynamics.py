@@ -16,9 +16,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import CURVE, Curve, Expression, Law
+from elastid.model.drivetrain import on_the_flanks
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions
-from elastid.model.springs import on_the_flanks
 from elastid.simulation.baumgarte import constrained_acceleration
 
 

@@ -153,9 +153,5 @@ def _problem(robot: Robot, still: int, configuration: str) -> Problem:
 
 def check_model(path: KeyPath, spec: ModelSpec, robot: Robot) -> Iterator[Problem]:
     """The formulation suits the robot; independent coordinates are coordinates."""
-    if refused := spec.loop_refusal(robot):
-        yield Problem((*path, "formulation"), refused)
-    coordinates = [f"joint {joint.name}" for joint in robot.joints]
-    coordinates += [f"motor {joint.name}" for joint in robot.flexible]
-    for i, refused in spec.independent_refusals(coordinates):
-        yield Problem((*path, "independent", i), refused)
+    for key, refused in spec.refusals(robot):
+        yield Problem((*path, *key), refused)
