@@ -17,13 +17,13 @@ from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.stage_table import FRICTION, SIMULATED, Source, Stage, stages_of, stages_of_study
-from elastid.app.work import Work, extra_file, file_hash, handed_values, hash_of, software
+from elastid.app.work import Work, file_hash, handed_values, hash_of, software
 from elastid.app.work import stamps as stamps_of
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.files import changed_texts, has_checksum, is_intact, keep_checksums, one_writer, remove_leftovers
+from elastid.store.files import changed_texts, has_checksum, is_intact, keep_checksums, one_writer
 from elastid.study import LoadedStudy, Study
 
 
@@ -46,11 +46,16 @@ class Run:
         """The stamp that the result of each stage must carry; files that other commands have left contribute to it."""
         stamps = dict(self._stamps)
         for stage, row in self.stages.items():
-            extras = [(name, path) for name in row.extras if (path := extra_file(self.folder, name)) is not None]
-            if extras:
-                inputs = hash_of([stamps[stage].inputs, [[name, file_hash(path)] for name, path in extras]])
+            if extras := self.extras(row):
+                inputs = hash_of([stamps[stage].inputs, [[name, file_hash(path)] for name, path in extras.items()]])
                 stamps[stage] = replace(stamps[stage], inputs=inputs)
         return stamps
+
+    def extras(self, row: Stage) -> dict[str, Path]:
+        """The files of the run folder that other commands have left for a stage, but for those changed since."""
+        changed = changed_texts(self.folder, row.extras)
+        paths = {name: self.folder / name for name in row.extras if name not in changed}
+        return {name: path for name, path in paths.items() if path.is_file()}
 
     @cached_property
     def _stamps(self) -> dict[str, Stamp]:
@@ -76,18 +81,22 @@ class Run:
     def handed(self, stage: str) -> dict[str, Any]:
         """The arguments of a stage: what its row declares, the ways of working on it, and nothing else.
 
-        Of earlier results the files; None for an optional one that is missing.
+        Of earlier results the files; None for an optional one that is missing.  Warns of extras that are left out.
         """
         row = self.stages[stage]
+        extras = self.extras(row)
+        for name in row.extras:
+            if name not in extras and (path := self.folder / name).is_file():
+                self.console.warn(f"{path} has changed since it was written and is left out; make it again")
         sources = {
             source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
             for source in row.sources
             if source.stage in self.stages
         }
-        extras = {name.partition(".")[0]: extra_file(self.folder, name) for name in row.extras}
+        further = {name.partition(".")[0]: extras.get(name) for name in row.extras}
         stamp, read = replace(self.stamps[stage], study=""), tuple(filter(None, sources.values()))
         work = Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
-        return {**handed_values(self.loaded, row), **sources, **extras, "work": work}
+        return {**handed_values(self.loaded, row), **sources, **further, "work": work}
 
     def is_made(self, source: Source) -> bool:
         """True if the result of an earlier stage, or its part, is there, made from the same inputs by any version."""
@@ -160,7 +169,6 @@ class Run:
 def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
     """run.log of a folder with date, command and versions, and how the work ended; ElastidError for a second writer."""
     with one_writer(folder), console.logging_to(folder):
-        remove_leftovers(folder)
         command = shlex.join(["elastid", *sys.argv[1:]])
         console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {jobs} processes")
         console.detail(software())
@@ -209,8 +217,6 @@ def run_stage(run: Run, name: str) -> None:
 def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
-    for extra in changed_texts(run.folder, stage.extras):
-        run.console.warn(f"{run.folder / extra} has changed since it was written and is left out; make it again")
     artefacts = resolve_name(stage.function)(**run.handed(name))
     for later in stage.outdates:
         if not run.is_current(later):  # of another result; no program is to read it next to this one's

@@ -27,7 +27,7 @@ from elastid.app.stage_table import Stage, stages_of_study
 from elastid.base import kernels
 from elastid.base.execution import Execution
 from elastid.store.artefacts import Stamp
-from elastid.store.files import changed_texts, content_hash, remove_leftovers, write_text
+from elastid.store.files import content_hash, remove_leftovers, write_text
 from elastid.study import LoadedStudy
 
 if TYPE_CHECKING:
@@ -137,11 +137,6 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
             part = hash_of([name, [(value.argument, value.of(loaded)) for value in declared]])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software(), part)
     return results
-
-
-def extra_file(folder: Path, name: str) -> Path | None:
-    """A file of the run folder that another command has left; None where it is missing or has changed since."""
-    return folder / name if (folder / name).is_file() and not changed_texts(folder, [name]) else None
 
 
 @cache

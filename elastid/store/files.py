@@ -156,6 +156,7 @@ def one_writer(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
     ElastidError, too, where the file of the lock is a link. On a disk whose system knows no locks it is not guarded.
+    Temporary files of a killed writer are removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
@@ -165,6 +166,7 @@ def one_writer(folder: Path) -> Iterator[None]:
         since = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"
         file.write(json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since}).encode())
         file.flush()
+        remove_leftovers(folder)
         try:
             yield
         finally:
