@@ -42,6 +42,22 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> 
     assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
 
 
+@pytest.mark.parametrize("method", ["auto", "h1", "local_rational"])
+def test_a_missing_sample_is_refused_by_every_method_that_reads_it(method: Method) -> None:
+    """A local method does not read what is beyond the shortest record."""
+    spec = EstimatorSpec(method=method, quantity="velocity", band_hz=(5.0, 80.0))
+    short, long = noise_record(2000, 0, noise=0.1), noise_record(2040, 1, noise=0.1, realisation=1)
+    for missing in (7, 2010):
+        u = np.array(long.u)
+        u[missing, 1] = np.nan
+        records = [short, replace(long, u=u)]
+        if missing == 2010 and method != "h1":
+            assert "local_rational" in " ".join(said(estimate(records, spec).notes))
+        else:
+            with pytest.raises(DataError, match=f"u at motor 2 is NaN or infinite from sample {missing} on"):
+                estimate(records, spec)
+
+
 def _refusals() -> list[tuple[EstimatorSpec, str, EstimatorSpec]]:
     """What is refused, by which words, and the remedy in them."""
     return [
