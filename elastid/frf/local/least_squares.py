@@ -284,10 +284,8 @@ def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexAr
 
 
 def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: FloatArray) -> ComplexArray:
-    """a (f, d): least squares of V + sum_p a_p V_Xp, outputs by their scale; 0 where rounding would decide."""
+    """a (f, d), d > 0: least squares of V + sum_p a_p V_Xp, outputs by their scale; 0 where rounding would decide."""
     f, d = V_X.shape[:2]
-    if d == 0:
-        return np.zeros((f, 0), dtype=np.complex128)
     X = np.moveaxis(V_X / scale[:, None, None, :], 1, 3).reshape(f, -1, d)
     size = np.linalg.norm(W_X / scale[:, None, None, :], axis=(2, 3))
     size[size == 0] = 1.0
@@ -327,9 +325,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
 
 def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexArray) -> ComplexArray:
     """cov(A_1 ... A_d) (f, d, d) of weighted least squares whose weights are not the inverse of C_V."""
-    f, d = V_X.shape[:2]
-    if d == 0:
-        return np.zeros((f, 0, 0), dtype=np.complex128)
+    d = V_X.shape[1]
     X = V_X / scale[:, None, None, :]
     normal = np.einsum("fprz,fqrz->fpq", X.conj(), X, optimize=True)
     size = np.sqrt(np.einsum("fpp->fp", normal).real)

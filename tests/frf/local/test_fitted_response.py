@@ -14,6 +14,8 @@ from plants.random_plants import N, record_of
 from elastid.base.arrays import FloatArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
+from elastid.frf.local.fitted_response import Experiments, fitted_response, with_model_error
+from elastid.frf.local.least_squares import WindowTerms, fit_ladder, windows
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.response import Quality
 from elastid.store.measured import read_responses, write_responses
@@ -107,3 +109,23 @@ def test_the_quality_is_in_the_file_of_responses(tmp_path: Path) -> None:
     (found,) = read_responses(tmp_path / "frf.h5")
     assert response.quality is not None
     assert same(found.quality, response.quality)
+
+
+def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_variance() -> None:
+    """Ten standard deviations apart, g = 50: (1 + 49 * 2) times; nothing of one with 10^4 times the variance."""
+    rng, k = np.random.default_rng(0), np.arange(60)
+    R = np.exp(2j * np.pi * rng.random((2, len(k), 1)))
+    Z = 3 * R + rng.normal(size=R.shape) + 1j * rng.normal(size=R.shape)
+    fit = fit_ladder(Z, R, windows(k, k, 12), [WindowTerms(1, 2, 0, transient=True)]).chosen
+    experiments, everywhere = Experiments(1, False, np.ones(2), None, 0.0), np.ones(len(k), dtype=np.bool_)
+    fitted = fitted_response(fit, experiments, everywhere)
+    other = replace(fit, B=fit.B + 10 * np.sqrt(fitted.total.variance))
+    vague = replace(other, scatter=1e4 * other.scatter)
+    assert fitted.total.right is not None
+    for richer, lines, times in ((other, k < 30, 99.0), (vague, everywhere, 1.0), (fit, everywhere, 1.0)):
+        total = with_model_error(fitted, [(richer, lines)], experiments, everywhere)
+        assert total.right is not None
+        ratio = (total.variance / fitted.total.variance)[:, 0, 0]
+        np.testing.assert_allclose(ratio[:20], times)
+        np.testing.assert_allclose(ratio[40:], 1.0)
+        np.testing.assert_allclose((total.right / fitted.total.right)[:, 0, 0], ratio)

@@ -8,7 +8,7 @@ from plants import studies
 from scipy.stats import kstest
 
 from elastid.frf.local import least_squares
-from elastid.frf.local.least_squares import WindowTerms, fit_ladder, windows
+from elastid.frf.local.least_squares import WindowTerms, fit_ladder, fitted_transient, window_power, windows
 from elastid.frf.local.response import local_response
 
 study = studies.study("local_methods")
@@ -67,3 +67,47 @@ def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatc
     whole = local_response([taken], study.LRM)
     monkeypatch.setattr(least_squares, "_BLOCK_NUMBERS", 1)
     np.testing.assert_allclose(local_response([taken], study.LRM).G, whole.G, rtol=1e-9)
+
+
+def test_a_transient_of_two_poles_is_recovered_at_the_lines_from_the_bins_between_them() -> None:
+    """Exactly, for all signals at once; five bins are as many as its terms, and separate nothing."""
+    bins = np.arange(1, 61)
+    lines, rest = bins[bins % 3 == 0], bins[bins % 3 != 0]
+
+    def transient(k: np.ndarray) -> np.ndarray:
+        poles = (k[:, None] - 20 - 6j) * (k[:, None] - 45 + 5j) / 400
+        return np.stack([1 + 0.01 * k, 2 - 0.02j * k], axis=1) / poles
+
+    fit = fitted_transient(transient(rest), rest, lines, n_y=1)
+    assert fit is not None
+    np.testing.assert_allclose(fit.T[:, 0], transient(lines), rtol=1e-9)
+    assert fitted_transient(transient(rest[:5]), rest[:5], lines, n_y=1) is None
+    assert fitted_transient(transient(rest[:6]), rest[:6], lines, n_y=1) is not None
+
+
+@pytest.mark.parametrize("poles", [0, 1, 2])
+def test_a_response_of_as_many_poles_is_reproduced_and_its_poles_have_a_covariance(poles: int) -> None:
+    """B(0) at each line, no residual; for noise of 1e-6 cov(A) is positive, and small."""
+    rng, k = np.random.default_rng(5), np.arange(40)
+    G = (1 + 0.02 * k) / (1 + 1j * k[:, None] / [30.0, 25.0]).prod(axis=1, where=np.arange(2) < poles)
+    R = np.exp(2j * np.pi * rng.random((2, len(k), 1)))
+    terms = WindowTerms(1, 2, poles, transient=False)
+    where = windows(k, k, 12)
+    exact, noisy = (
+        fit_ladder(R * G[:, None] + std * rng.normal(size=R.shape), R, where, [terms]).chosen for std in (0.0, 1e-6)
+    )
+    np.testing.assert_allclose(exact.B[:, 0, 0], G, rtol=1e-9)
+    assert np.abs(exact.scatter).max() < 1e-18
+    assert noisy.A_cov.shape == (len(k), poles, poles)
+    variance = np.einsum("fpp->fp", noisy.A_cov).real
+    assert np.all((variance > 0) & (variance < 1e-3))
+
+
+def test_the_power_of_a_window_is_the_mean_over_its_lines_of_all_experiments() -> None:
+    """Also in windows of one line, and those at the ends."""
+    rng = np.random.default_rng(6)
+    R = rng.normal(size=(3, 20, 2)) + 1j * rng.normal(size=(3, 20, 2))
+    for n_w in (1, 5):
+        where = windows(np.arange(20), np.arange(20), n_w)
+        direct = [np.einsum("ebu,ebv->uv", R[:, index], R[:, index].conj()) / n_w for index in where.index]
+        np.testing.assert_allclose(window_power(R, where), direct)
