@@ -15,7 +15,7 @@ from plants.random_plants import ALL_PERIODS, ODD, N, nonlinear, record_of
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.quality import coherences, local_modes, wide_windows
+from elastid.frf.quality import coherences, described_lines, left_out_note, local_modes, segment_notes, wide_windows
 from elastid.record import Configuration, Record
 from elastid.report.figures.responses import coherence, levels
 from elastid.store.measured import read_configurations, write_records
@@ -167,3 +167,23 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     assert wide_windows(found, FREQ, span / 3, poles=0) == []
     assert wide_windows(found, FREQ, span, poles=2) == []
     assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0].text
+
+
+def test_segments_get_a_word_where_a_mode_is_narrower_than_four_of_their_lines() -> None:
+    """Modes of 4.5 and 8 Hz at lines of 1.25 Hz: the narrower one is named, with the segment that resolves it."""
+    record = record_of(np.zeros((N, 1)), np.zeros((N, 1)))
+    modes, lines = (np.array([45.0, 80.0]), np.array([4.5, 8.0])), np.arange(20.0, 120.0, 1.25)
+    (word,) = segment_notes(modes, lines, record)
+    assert "segments of 0.8 s barely resolve 1 of 2 resonances, that at 45 Hz least" in word.text
+    assert "take estimator.segment 1.78 or more" in word.text
+    assert segment_notes(modes, 0.8 * lines, record) == []
+    assert "2 of 2 resonances, that at 45 Hz" in segment_notes(modes, 2 * lines, record)[0].text
+    assert segment_notes((np.array([]), np.array([])), lines[:1], record) == []
+
+
+def test_lines_are_described_by_their_number_and_range() -> None:
+    """In Hz where the rate is known."""
+    record = record_of(np.zeros((N, 1)), np.zeros((N, 1)))
+    assert described_lines(np.array([128, 192, 256]), record) == "3 (125 to 250 Hz)"
+    assert described_lines(np.array([128]), replace(record, rate_is_known=False)) == "1 (125 of the sampling rate)"
+    assert left_out_note(np.array([128]), record, "why").text == "lines 1 (125 Hz) are left out: why"

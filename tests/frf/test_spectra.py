@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from plants.steady_record import AUTO, LINES, RATE, N, periods_of, steady_record
 
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.frf.estimate import estimate
+from elastid.frf.spectra import single_logs, whole_logs
 from elastid.record import MOTION_ORDER, Motion
 
 
@@ -114,3 +115,20 @@ def test_half_wave_records_have_no_even_lines() -> None:
         estimate([record], replace(AUTO, lines="full"))
     off_centre = replace(record, y=record.y + 7 + np.linspace(0, 1e-3, 2 * N)[:, None])
     np.testing.assert_allclose(estimate([off_centre], AUTO, lines).G[:, 0, 0], 1.0, atol=2e-2)
+
+
+def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log() -> None:
+    """Samples, references and periods left out are those of each log."""
+    record = replace(steady_record(), starts=(1,), left_out=(2,))
+    first, second = single_logs(record)
+    assert (first.name, second.name) == (f"{record.name}, log 1", f"{record.name}, log 2")
+    np.testing.assert_array_equal(first.y, record.y[:N])
+    np.testing.assert_array_equal(second.u, record.u[N:])
+    assert (first.left_out, second.left_out) == ((), (1,))
+    with pytest.raises(DataError, match=r"log 2: too many samples of period 2 are missing"):
+        whole_logs([record])
+    y = np.array(record.y)
+    y[N + 5] = np.nan
+    with pytest.raises(DataError, match=r"log 2: y at .* is NaN or infinite from sample 5 on"):
+        whole_logs([replace(record, y=y, left_out=())])
+    assert len(whole_logs([replace(record, left_out=()), steady_record()])) == 3
