@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.notes import said
+from plants.random_plants import N, record_of
 
-from elastid.frf.checks import channel_notes
-from elastid.record import Configuration
+from elastid.base.errors import DataError
+from elastid.frf.checks import channel_notes, refuse_few
+from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 
 FREQ_HZ = np.linspace(1.0, 60.0, 60)
@@ -83,3 +85,30 @@ def test_a_response_of_zeros_is_no_exchange() -> None:
     """Nothing can be said of a singular matrix."""
     response = arm(0)
     assert said(channel_notes(replace(response, G=0 * response.G))) == ()
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_an_exchange_is_named_whatever_the_units_of_a_channel(size: float) -> None:
+    """Nine decades between outputs make the matrix look singular, unless scales are taken out first."""
+    response = arm(0)
+    G = response.G[:, [0, 2, 1]] * np.array([1.0, size, 1.0])[:, None]
+    (word,) = said(channel_notes(replace(response, G=G)))
+    assert "y at motor 2 answers to u at motor 3" in word
+
+
+def test_too_few_periods_or_experiments_are_refused_unless_realisations_are_pooled() -> None:
+    """Two inputs: two experiments of each realisation for a mean, of all together for h1; two periods for either."""
+
+    def record(m: int, e: int, periods: int = 2) -> Record:
+        signal = np.zeros((periods * N, 2))
+        return record_of(signal, signal, m, e)
+
+    for method in ("arithmetic", "h1"):
+        refuse_few([[record(0, 0), record(0, 1)]], method)
+        with pytest.raises(DataError, match=f"records c-r0-e1 of configuration c hold one period, method {method}"):
+            refuse_few([[record(0, 0), record(0, 1, 1)]], method)
+    refuse_few([[record(0, 0)], [record(1, 0)]], "h1")
+    with pytest.raises(DataError, match="realisation 1: 1 experiments for 2 inputs"):
+        refuse_few([[record(0, 0), record(0, 1)], [record(1, 0)]], "arithmetic")
+    with pytest.raises(DataError, match="all realisations: 1 experiments for 2 inputs"):
+        refuse_few([[record(0, 0)]], "h1")

@@ -97,6 +97,11 @@ def test_distortion_is_total_less_noise_and_never_negative() -> None:
     less = distortion_covariance(total, noise, 4)
     assert np.linalg.eigvalsh(less.full()).min() > -1e-12
     assert np.all(less.variance < 1e-12)
+    matrix = Covariance(total.variance, 20, matrix=total.full())
+    np.testing.assert_allclose(distortion_covariance(noise, matrix, 4).full(), found.full(), atol=1e-12)
+    alone = distortion_covariance(noise, Covariance(2 * noise.variance, 20), 4)
+    assert alone.form == "diagonal"
+    np.testing.assert_allclose(alone.variance, 4 * noise.variance)
     A = rng.normal(size=(4, 5, 5))
     A = A + A.swapaxes(1, 2)
     assert np.linalg.eigvalsh(positive(A + 0j)).min() > -1e-12

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.noise_record import noise_record
 from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
@@ -366,6 +367,15 @@ def test_a_sign_that_contradicts_a_passive_mechanism_is_told(quantity: Motion, d
         (note,) = said(estimate([turned], spec, lines).notes)
         assert "sign of y or of u at motor 1 looks wrong: Re(velocity/torque) is negative" in note
     assert said(estimate([replace(record, y=-record.y, outputs=("joint 1",))], spec, lines).notes) == ()
+
+
+def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> None:
+    """`auto` takes such a method; a mean over periods is refused."""
+    record = noise_record(1500, 0, noise=0.1)
+    spec = EstimatorSpec(quantity="velocity", band_hz=(5.0, 80.0))
+    assert "estimator.method auto takes" in " ".join(said(estimate([record], spec).notes))
+    with pytest.raises(StudyError, match=r"has no period, which estimator\.method harmonic needs"):
+        estimate([record], replace(spec, method="harmonic"))
 
 
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:

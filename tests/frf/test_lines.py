@@ -10,7 +10,9 @@ from plants.steady_record import AUTO, LINES, RATE, N, steady_record, unit_phase
 
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import synthesise
-from elastid.frf.lines import analysed_lines, find_excited
+from elastid.frf import lines as module
+from elastid.frf import spectra
+from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise, spectra_of
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Configuration, Record
 
@@ -82,3 +84,37 @@ def test_a_transient_in_the_first_period_hides_no_line() -> None:
     decaying = 100 * record.u.std() * np.exp(-np.arange(record.n_samples) / 20)[:, None]
     found = analysed_lines([RecordSpectra(replace(record, u=record.u + decaying))], AUTO, None)
     np.testing.assert_array_equal(found, LINES)
+
+
+def test_the_driver_is_transformed_first_only_where_lines_are_found_in_it() -> None:
+    """Not where a grid states them, or a plan."""
+    record, full = steady_record(), replace(AUTO, lines="full")
+    for spec, planned, is_known in ((AUTO, None, False), (AUTO, LINES, True), (full, None, True)):
+        (each,) = spectra_of([record], spec, planned)
+        assert (each.driver is None) == is_known
+
+
+def test_noise_of_few_degrees_of_freedom_is_averaged_over_its_neighbours() -> None:
+    """Five lines for one, three for two, none for four; a constant stays."""
+    peak = np.zeros(21)
+    peak[10] = 1.0
+    for dof, width in ((1, 5), (2, 3), (4, 1)):
+        np.testing.assert_allclose(
+            smoothed_noise(peak, dof), np.where(np.abs(np.arange(21) - 10) <= width // 2, 1 / width, 0)
+        )
+        np.testing.assert_allclose(smoothed_noise(np.ones(21), dof), 1.0)
+
+
+def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One period at a time, the first of five left out."""
+    record = steady_record(5)
+    rng = np.random.default_rng(0)
+    u = record.u + 0.1 * rng.normal(size=record.u.shape)
+    X = np.fft.rfft(u.reshape(5, N, 1), axis=1)[1:, LINES] * (2 / N)
+    monkeypatch.setattr(spectra, "MIN_LARGE_VALUES", 0)
+    monkeypatch.setattr(spectra, "PIECE_VALUES", 1)
+    mean, noise = module._mean_driver(RecordSpectra(replace(record, u=u)), LINES, 1)
+    np.testing.assert_allclose(mean, X.mean(axis=0))
+    np.testing.assert_allclose(noise, X.var(axis=0, ddof=1) / 4)
