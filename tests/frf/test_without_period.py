@@ -32,16 +32,6 @@ def test_local_methods_take_one_record_of_noise_from_rest(method: Method) -> Non
     assert np.median(coarse.total.variance) < 0.7 * np.median(full.total.variance)
 
 
-def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
-    """A note for a little, a refusal whose remedy, h1, works for much."""
-    spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
-    a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))
-    assert "records of 10 to 10.2 s are cut to the shortest" in " ".join(said(estimate([a, b], spec).notes))
-    with pytest.raises(DataError, match=r"take estimator\.method h1"):
-        estimate([a, b, c], spec)
-    assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
-
-
 @pytest.mark.parametrize("method", ["auto", "h1", "local_rational"])
 def test_a_missing_sample_is_refused_by_every_method_that_reads_it(method: Method) -> None:
     """A local method does not read what is beyond the shortest record."""

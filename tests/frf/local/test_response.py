@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import studies
+from plants.noise_record import noise_record
 from plants.notes import said
 
 from elastid.app.console import Console
@@ -361,6 +362,16 @@ def test_what_cannot_be_estimated_is_refused() -> None:
     with pytest.raises(DataError, match="hold one period, method arithmetic needs two"):
         estimate([once], EstimatorSpec(method="arithmetic", quantity="velocity"), LINES)
     assert estimate([once], LPM, LINES).n_lines == len(LINES)
+
+
+def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
+    """A note for a little, a refusal whose remedy, h1, works for much."""
+    spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
+    a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))
+    assert "records of 10 to 10.2 s are cut to the shortest" in " ".join(said(estimate([a, b], spec).notes))
+    with pytest.raises(DataError, match=r"take estimator\.method h1"):
+        estimate([a, b, c], spec)
+    assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
 
 
 @pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
