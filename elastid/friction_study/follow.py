@@ -43,7 +43,7 @@ from elastid.friction_study.extended_kalman_filter import (
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
 
-    False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
+    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 0.
     """
 
