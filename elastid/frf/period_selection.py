@@ -35,7 +35,7 @@ from elastid.frf.spectra import PeriodSpectra
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 1, periods-left-out 1."""
+    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 2, periods-left-out 2."""
 
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
