@@ -43,7 +43,7 @@ from elastid.friction_study.extended_kalman_filter import (
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
 
-    False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
+    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 0.
     """
 
@@ -331,7 +331,7 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
 
 
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
-    if not judged.is_white:
+    if not judged.is_white and judged.autocorrelation[1] > 0:  # alternating ones make no band too narrow
         text = (
             f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "
             f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "

@@ -35,7 +35,10 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the choice of shapes.  False alarms of 300 clean logs: friction-taken-out 0."""
+    """Thresholds of the choice of shapes.
+
+    False alarms of 300 clean logs: friction-taken-out 0, unexplained-distortion 0.
+    """
 
     # Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop longer than the motion 0.
     nonlinear_share: float = 0.05
@@ -44,6 +47,9 @@ class Limits:
     weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
+    # Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a
+    # note warns of distortion that no motor's friction explains.
+    unexplained: float = 10.0
 
 
 LIMITS = Limits()

@@ -20,6 +20,7 @@ from elastid.base.note import Note
 from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
@@ -27,10 +28,6 @@ from elastid.nonlinear.shapes import spectrum
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-
-# Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a note
-# warns of distortion that no motor's friction explains; no false alarm in 300 clean logs.
-_MIN_DISTORTION = 10.0
 
 
 def estimate_without_friction(
@@ -66,7 +63,7 @@ def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tup
     if not known.any():
         return ()
     ratio = float(np.median(response.total.variance[known] / response.noise.variance[known]))
-    if ratio < _MIN_DISTORTION:
+    if ratio < LIMITS.unexplained:
         return ()
     motors = ", ".join(motors_left)
     text = (

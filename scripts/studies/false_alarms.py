@@ -2,21 +2,25 @@
 
     python scripts/studies/false_alarms.py [--quick] [--logs 300] [--seed 0] [--jobs 1] [--rig PATH]
 
-Sets of clean logs of many kinds (clean_logs.py) are read, repaired and estimated, and one in three is fitted with its
-diagnosis, by the true robot's file. An alarm is a repair, a warning, a refusal, a status that is not `converged`,
-friction that is taken out of a robot without any, or a peak too many; each counts once in a set. What is true of a
+Sets of clean logs of many kinds (clean_logs.py) are read, repaired, estimated, as a study does it and by a local method
+(codes that begin with `local-`), fitted by the true robot's file with the diagnosis, and validated. An alarm is a
+repair, a warning, a refusal, a status that is not `converged`, friction that is taken out of a robot without any, a
+peak too many or without a partner in the model, or an excess of the cost; each counts once in a set. What is true of a
 kind, such as a period that differs because the torque stepped in it, is none (`true_of`). --rig: a module with
 `dataset` and `write` as the module of an outside rig has them, one more set of which is read for ten of the others.
 
 The thresholds are the fields of all classes of elastid named ...Limits or ...Thresholds. Those on which a judgement
 depends that these logs can show are in JUDGEMENTS; all others are printed as without a rate. The docstring of a class
 with a rate quotes it, as `False alarms of 300 clean logs: spikes-replaced 2, spikes-left 0.` It is asserted that each
-quoted count agrees with this run by the 95 % intervals of both, and that no judgement without a quoted rate has alarms
-in more than 1 % of the sets. The last line is one JSON object.
+quoted count agrees with this run by the 95 % intervals of both, and that no judgement has alarms in 1 % of the sets or
+more, but those that state their own rate in their words. The last line is one JSON object.
 
-300 sets and 100 fits: in a slow wander the first period, the drift of whose end is known from one side only, looks like
-a transient in 3 sets, and like no repetition in 2; lines next to the wander are left out as weak in 3; 2 have a spike;
-the residuals of 2 fits are 1.5 and 1.7 times the noise.
+300 sets: in a slow wander the first period, the drift of whose end is known from one side only, looks like a transient
+in 2, and like no repetition in 2; the line next to the wander is left out as weak in 2; 2 have a spike; in 1, of one
+realisation of two periods, a spring is suspected. Validation finds an excess of the cost in 4, by a test that says of
+itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none. True
+are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of with
+three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -33,7 +37,7 @@ import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from inspect import getdoc
@@ -41,26 +45,34 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import h5py
+import numpy as np
 from clean_logs import PERIOD, RATE_HZ, Kind
 from scipy.stats import beta
 
 import elastid
 from elastid.base.errors import ElastidError
-from elastid.base.execution import ordered
+from elastid.base.execution import Execution, in_order
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.peaks import peaks
 from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
+from elastid.robot import Robot
 from elastid.study import load
+from elastid.validation.agreement import validate
+from elastid.validation.cost import cost_p, explain_cost
 
-FIT_EVERY, RIG_EVERY = 3, 10
-MAX_RATE = 0.01
+RIG_EVERY = 10
+# Sets of each period count, grid, wander, step and encoder, at least, of 300.
+MIN_SETS = 50
+# Of the sets; a judgement that states its own rate in its words may reach it.  Fewer sets show no such rate.
+MAX_RATE, MIN_COUNTED, STATED = 0.01, 100, ("excess-of-cost",)
 # Table: judgement -> the fields on which it depends, all of them where it is "*".
 JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "recorded.repair.spikes.SpikeLimits": {"spikes-replaced": "*", "spikes-left": "max_share"},
@@ -87,8 +99,8 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread lines",
-        "periods-left-out": "periods negligible_distance spread lines",
+        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines",
+        "periods-left-out": "periods negligible_distance spread scatter lines",
     },
     "frf.quality.Limits": {
         "input-barely-excited": "input_snr weak_share",
@@ -102,8 +114,13 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "wrong-sign": "sigmas passive_lines lines",
         "refused": "clock_difference",
     },
+    "frf.local.regression.Limits": {"local-false-peak": "log_gain", "local-repeats-averaged": "difference correlation"},
+    "frf.local.response.Limits": {"local-refused": "dof margin_dof input_snr excited_share"},
     "frf.peaks.Limits": {"false-peak": "*"},
-    "nonlinear.choice.Limits": {"friction-taken-out": "*"},
+    "nonlinear.choice.Limits": {
+        "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
+        "unexplained-distortion": "unexplained",
+    },
     "nonlinear.places.Limits": {"friction-sticks": "*"},
     "fit.diagnosis.configurations.Limits": {
         "unlike-configuration": "residual_ratio",
@@ -125,11 +142,12 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "model-error": "model_error",
         "status-model_error": "model_error explained_share",
     },
+    "validation.results.PeakLimits": {"peak-without-partner": "*"},
+    "validation.cost.ExcessLimits": {"excess-of-cost": "*"},
 }
 START = {"transient-left-out": "the logs of the outside rig begin with its start"}
-OF_FITS = "fit.diagnosis."
 TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
-QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|fits|postures): ([\w\s,-]+)")
+QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|postures): ([\w\s,-]+)")
 
 
 @dataclass(frozen=True)
@@ -138,21 +156,19 @@ class Alarms:
 
     name: str
     codes: Mapping[str, str]
-    is_fitted: bool
-    is_known: frozenset[str]
 
 
 def judged(number: int, seed: int, rig: str) -> Alarms:
     """All alarms of a set of clean logs; of the outside rig where the number is beyond those of the kinds."""
     with tempfile.TemporaryDirectory() as name:
         if number < 0:
-            return _alarms(f"outside rig {-number}", lambda: _of_rig(rig, -number, Path(name)), True, START, seed)
+            return _alarms(f"outside rig {-number}", lambda: _of_rig(rig, -number, Path(name)), START, seed)
         kind = Kind.drawn(number, seed)
 
         def measured() -> tuple[list[Record], Any]:
             return read(kind, Path(name)), kind.robot
 
-        return _alarms(str(kind), measured, number % FIT_EVERY == 0, true_of(kind), seed)
+        return _alarms(str(kind), measured, true_of(kind), seed)
 
 
 def true_of(kind: Kind) -> dict[str, str]:
@@ -164,30 +180,60 @@ def true_of(kind: Kind) -> dict[str, str]:
         true["lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
     if kind.coulomb:
         true["friction-taken-out"] = "there is friction"
+    if kind.source == "simulated" and kind.axes > 1:
+        true["elements-left-out"] = "axes at right angles barely move each other"
+        if kind.realisations == 1 and kind.carrier:
+            distorted = ("modification-index", "model-error", "status-misfit", "excess-of-cost")
+            true |= dict.fromkeys(distorted, "one realisation does not show how a carrier through postures distorts")
     return true
 
 
-def _alarms(name: str, measured: Any, is_fitted: bool, true: Mapping[str, str], seed: int) -> Alarms:
-    """Reads, estimates and fits; a refusal ends it."""
+def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Alarms:
+    """Reads, estimates, fits and validates; a refusal ends it."""
     codes: dict[str, str] = {}
     try:
         records, robot = measured()
-        codes |= _codes(note for record in records for note in record.notes)
+        of_records = _codes(note for record in records for note in record.notes)
+        codes |= of_records
         responses = Response.estimate(records, robot)
-        codes |= _codes(note for response in responses for note in response.notes)
-        springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
-        for response in responses:
-            if len(peaks(response)) > springs:
-                codes["false-peak"] = f"{len(peaks(response))} peaks of {springs} springs"
-        if is_fitted:
-            free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
-            result = identify(responses, robot, FitSpec(parameters=free, starts=3, seed=seed))
-            codes |= _codes(result.notes)
-            if result.status != "converged":
-                codes[f"status-{result.status}"] = result.message
+        codes |= _of_responses(responses, robot)
+        codes |= {f"local-{code}": text for code, text in _local(records, robot).items() if code not in of_records}
+        free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
+        spec = FitSpec(parameters=free, starts=3, seed=seed)
+        result = identify(responses, robot, spec)
+        codes |= _codes(result.notes)
+        if result.status != "converged":
+            codes[f"status-{result.status}"] = result.message
+        modelled = FittedRobot.of(result, robot, responses).responses
+        judged = validate(responses, modelled, (), cost_p(result))
+        if cost := explain_cost(result, responses, modelled, judged.fitted, spec):
+            is_beyond = "times the noise, rms" in cost and "shows no more" not in cost
+            codes |= {"excess-of-cost": cost} if is_beyond else {}
+        without = [peak for each in judged.fitted for peak in each.peaks if np.isnan(peak.modelled_hz)]
+        codes |= {"peak-without-partner": str(without)} if without else {}
     except ElastidError as error:
         codes["refused"] = str(error)
-    return Alarms(name, {code: text for code, text in codes.items() if code not in true}, is_fitted, frozenset(true))
+    return Alarms(name, {code: text for code, text in codes.items() if code not in true})
+
+
+def _of_responses(responses: Iterable[Response], robot: Robot) -> dict[str, str]:
+    """Notes on responses, and peaks that no spring of the robot makes."""
+    codes = _codes(note for response in responses for note in response.notes)
+    springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
+    for response in responses:
+        if len(peaks(response)) > springs:
+            codes["false-peak"] = f"{len(peaks(response))} peaks of {springs} springs"
+    return codes
+
+
+def _local(records: list[Record], robot: Robot) -> dict[str, str]:
+    """Of the local rational method; new phases in every experiment are no repeats."""
+    try:
+        responses = Response.estimate(records, robot, method="local_rational", friction="none")
+    except ElastidError as error:
+        return {"refused": str(error)}
+    repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "repeats-averaged"}
+    return _of_responses(responses, robot) | repeats
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:
@@ -264,18 +310,29 @@ def main() -> None:
     given = parser.parse_args()
     count = 6 if given.quick else given.logs
     outside = range(-1, -1 - count // RIG_EVERY, -1) if given.rig else ()
-    found = ordered(partial(judged, seed=given.seed, rig=given.rig), [*range(count), *outside], given.jobs)
-    alarms = list(found)
-    for each in alarms:
+    judge = partial(judged, seed=given.seed, rig=given.rig)
+    results = []
+    for index, each in Execution(given.jobs).unordered(judge, [*range(count), *outside]):
+        results.append((index, each))
         for code, text in each.codes.items():
-            print(f"{code}: {each.name}: {text[:160]}")
+            print(f"{code}: {each.name}: {text[:160]}", flush=True)
+    alarms = in_order(results)
     totals = Counter(code for each in alarms for code in each.codes)
-    fits = sum(each.is_fitted for each in alarms)
-    rows, unmeasured, wrong = compared(
-        JUDGEMENTS, totals, lambda place, _: fits if place.startswith(OF_FITS) else len(alarms)
-    )
-    print(json.dumps({"logs": len(alarms), "fits": fits, "alarms": rows, "unmeasured": unmeasured, "wrong": wrong}))
-    assert not wrong
+    rows, unmeasured, wrong = compared(JUDGEMENTS, totals, lambda *_: len(alarms))
+    kinds = covered([Kind.drawn(number, given.seed) for number in range(count)], alarms)
+    wrong += [f"{kind} has {sets} sets" for kind, (sets, _) in kinds.items() if sets < MIN_SETS * count // 300]
+    print(json.dumps({"logs": len(alarms), "alarms": rows, "kinds": kinds, "unmeasured": unmeasured, "wrong": wrong}))
+    assert not wrong, "\n".join(wrong)
+
+
+def covered(kinds: Sequence[Kind], alarms: Sequence[Alarms]) -> dict[str, tuple[int, int]]:
+    """Sets of each kind, and those of them with any alarm."""
+    sets, raised = Counter[str](), Counter[str]()
+    for kind, each in zip(kinds, alarms, strict=False):
+        names = [f"{name} {getattr(kind, name)}" for name in ("periods", "grid", "wander", "step", "counts")]
+        sets.update(names)
+        raised.update(names if each.codes else ())
+    return {name: (sets[name], raised[name]) for name in sorted(sets)}
 
 
 Rows: TypeAlias = dict[str, list[float]]
@@ -307,6 +364,8 @@ def compared(
                 wrong.append(f"{place} quotes no rate of {code}")
             elif not _agree(known[code], (count, of)):
                 wrong.append(f"{place} quotes {known[code]} of {code}, measured are {count} of {of}")
+            if code not in STATED and of >= MIN_COUNTED and count >= MAX_RATE * of:
+                wrong.append(f"{code} has alarms in {count} of {of} sets")
         wrong += [f"{place} has no field {name}" for name in covered - set(names)]
         unmeasured += [f"{place}.{name}" for name in names if name not in covered]
     print(f"\nwithout a measured rate: {', '.join(unmeasured)}")
@@ -316,7 +375,7 @@ def compared(
         low, high = interval(count, of)
         rows[code] = [count, of, low, high]
         print(f"{code:<28}{'in no table':<64}{100 * count / of:>6.1f} %  {100 * low:.1f} to {100 * high:.1f} %")
-        if low > MAX_RATE:
+        if of >= MIN_COUNTED and count >= MAX_RATE * of:
             wrong.append(f"{code} has alarms in {count} of {of} sets and no table quotes it")
     print("\n".join(wrong))
     return rows, unmeasured, wrong

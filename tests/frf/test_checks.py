@@ -12,7 +12,8 @@ from plants.notes import said
 from plants.random_plants import N, record_of
 
 from elastid.base.errors import DataError
-from elastid.frf.checks import channel_notes, refuse_few
+from elastid.frf.checks import channel_notes, refuse_few, separated_lines
+from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 
@@ -60,6 +61,22 @@ def test_a_ring_of_three_is_named_too_and_an_output_elsewhere_does_not_disturb()
     G = np.concatenate([response.G[:, [1, 2, 0]], response.G[:, :1]], axis=1)
     (word,) = said(channel_notes(replace(response, G=G, outputs=(*MOTORS, "body tool z"))))
     assert "y at motor 1 answers to u at motor 2, y at motor 2 answers to u at motor 3, y at motor 3" in word
+
+
+def test_each_input_is_held_against_its_own_noise() -> None:
+    """The second one is strong, weak but quiet, or absent; the first one is noisier than it throughout."""
+    rng = np.random.default_rng(0)
+    F, P, noise = 600, 4, np.array([1.0, 1e-5])
+    second = np.tile([0.01, 0.001, 0.0], F // 3)
+    size = np.stack([np.full(F, 6.0), second], axis=1)[:, :, None] * np.array([[1.0, 1.0], [1.0, -1.0]])
+    U = np.exp(2j * np.pi * rng.random((F, 2, 1))) * size
+    error = rng.normal(size=(F, P, 2, 2)) + 1j * rng.normal(size=(F, P, 2, 2))
+    X = U[:, None] + error * noise[:, None] / np.sqrt(2)
+    mean, variance = X.mean(axis=1), X.var(axis=1, ddof=1).mean(axis=-1)
+    block = Block(mean, mean, None, np.full(2, float(P)), variance, 2 * (P - 1))
+    flags = separated_lines(MeanSpectra((block,), np.zeros(0), 0), [[]], "arithmetic").reshape(-1, 3)
+    assert flags[:, :2].mean() > 0.99
+    assert flags[:, 2].mean() < 0.02
 
 
 def test_an_inertia_turned_round_is_told_with_the_lines_that_show_it() -> None:

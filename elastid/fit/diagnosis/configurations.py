@@ -31,7 +31,7 @@ from elastid.parameters import Parameter, Prior
 class Limits:
     """Thresholds of the judgement of configurations.
 
-    False alarms of 100 clean fits: unlike-configuration 0, two-groups 0.
+    False alarms of 300 clean logs: unlike-configuration 0, two-groups 0.
     """
 
     explained_share: float = 0.8  # of the excess; where a cause explains more, no configurations are sought that differ

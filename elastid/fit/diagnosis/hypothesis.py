@@ -43,11 +43,10 @@ class Limits:
 
     (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
     discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
-    False alarms of 100 clean fits: modification-index 0.
+    False alarms of 300 clean logs: modification-index 1.
     """
 
-    # Beyond this model error or, where the noise is unknown, below this share responses may have been misread; their
-    # false-alarm rate: not measured.
+    # Beyond this model error or, where the noise is unknown, below this share responses may have been misread.
     suspect_model_error: float = 10.0
     suspect_explained_share: float = 0.9
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone

@@ -46,7 +46,7 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class RankingLimits:
-    """Thresholds of the ranking of causes.  False alarms of 100 clean fits: modification-index 0."""
+    """Thresholds of the ranking of causes.  False alarms of 300 clean logs: modification-index 1."""
 
     residuals: int = 60_000  # real ones of the score test; with more, every so many lines are taken
     # Squared, and the ratio of the drops, from which two candidates cannot be distinguished.
@@ -269,7 +269,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     apart = by_family.pop("configurations", ())
     causes = explanations(evidence) if evidence.best_share > LIMITS.explained_share or not apart else ()
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
-    estimate = estimate_notes(result, evidence.uncertainty.unreached)
+    estimate = estimate_notes(evidence)
     undetectable = find_undetectable_errors(result, evidence.scores)
     of_families = (note for family_notes in by_family.values() for note in family_notes)
     return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))

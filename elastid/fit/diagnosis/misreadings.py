@@ -30,7 +30,7 @@ from elastid.fit.result import ModificationIndex
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of readings.  False alarms of 100 clean fits: modification-index 0."""
+    """Thresholds of the judgement of readings.  False alarms of 300 clean logs: modification-index 1."""
 
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
     followed: int = 3  # readings

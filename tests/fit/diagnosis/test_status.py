@@ -47,6 +47,24 @@ def test_a_true_robot_converges_with_and_without_friction(spec, seeds) -> None:
             assert fit_parameters(rough, case.robot, spec).status == "converged"
 
 
+def test_one_line_beyond_the_noise_is_no_error_of_the_model() -> None:
+    """A line 100 standard deviations off makes V too large; a link mass 5 % wrong in 0.5 % of noise is said."""
+    case = true_case()
+    data = drawn(case, np.random.default_rng(0))
+    first = data[0]
+    assert first.total is not None
+    one = np.zeros(first.G.shape)
+    one[30, 0, 0] = 100.0
+    spoilt = (replace(first, G=first.G + one * np.sqrt(first.total.variance)), *data[1:])
+    result = identify(spoilt, case.robot, SPEC)
+    assert result.exceeds_noise
+    assert result.model_error > 1.5
+    assert "model-error" not in {note.code for note in result.notes}
+    wrong = FAULTS["link mass +5 %"](case)
+    judged = identify(drawn(wrong, np.random.default_rng(0)), wrong.robot, SPEC)
+    assert "model-error" in {note.code for note in judged.notes}
+
+
 def test_an_error_that_all_blocks_share_is_a_misfit_by_the_number_that_was_held() -> None:
     """Gear ratios 1 % off in 5 % of noise: V is as for a true model, stiffnesses are six of their deviations off."""
     case = FAULTS["gear ratio 1 % wrong"](true_case())
