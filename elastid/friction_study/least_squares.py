@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.fft import dct
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr, stdtrit
 
@@ -209,6 +210,14 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening)
 
 
+def sum_of_squares(logs: Sequence[Equations]) -> float:
+    """Of the residuals of one joint without a rigid body."""
+    X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    left = y - X / size @ np.linalg.lstsq(X / size, y, rcond=None)[0]
+    return float(left @ left)
+
+
 def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
     r"""The numbers pi (n_r,) of `solution` by ridge regression, for the prediction of other logs.
 
@@ -282,9 +291,8 @@ def _terms(duration_s: float, logs: int) -> int:
 
 def _long_run(scores: FloatArray, terms: int) -> FloatArray:
     """The covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
-    n = len(scores)
-    cosines = np.cos(np.pi * np.outer(np.arange(1, terms + 1), (np.arange(n) + 0.5) / n))
-    return np.asarray(2 / terms * (cosines @ scores).T @ (cosines @ scores))
+    cosines = dct(scores, axis=0)[1 : terms + 1] / 2
+    return np.asarray(2 / terms * cosines.T @ cosines)
 
 
 def _basis(R: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
-from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve, sum_of_squares
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
 
@@ -58,9 +58,8 @@ def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignal
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
     velocities = (_VELOCITIES * fastest).tolist()
     tried = [replace(terms, stribeck_velocity=velocity) for velocity in velocities]
-    fits = [regressed(motions, signals, each, steps=0) for each in tried]
-    best = min(range(len(fits)), key=lambda i: fits[i].sum_of_squares)
-    without, fit = regressed(motions, signals, terms), fits[best]
+    best = min(tried, key=lambda each: sum_of_squares(equations_of(motions, signals, each)[1]))
+    without, fit = regressed(motions, signals, terms), regressed(motions, signals, best, steps=0)
     n = sum(int(each.used.sum()) for each in signals)
     n_independent = n * (1 - without.correlation) / (1 + without.correlation)
     drop = without.sum_of_squares - fit.sum_of_squares
@@ -70,7 +69,7 @@ def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignal
     excess = replace(fit, names=("excess",), values=np.array([change @ fit.values]), covariance=variance)
     if max(chance, excess.chance("excess", 1)) * len(velocities) > FALSE_ALARM:
         return 0.0
-    return regressed(motions, signals, tried[best])["stribeck_velocity"]
+    return regressed(motions, signals, best)["stribeck_velocity"]
 
 
 def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
