@@ -21,13 +21,15 @@ _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns."""
+    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  spring: of a gear, for a test.
+    """
 
     apart: bool = True
     delay: bool = False
     stribeck_velocity: float = 0.0
     harmonics: tuple[int, ...] = ()
     load: bool = False
+    spring: bool = False
 
     @classmethod
     def of(cls, numbers: Regression) -> MotionTerms:
@@ -131,10 +133,12 @@ def columns_of(
     motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
-    velocity, acceleration = signals.derivatives
+    velocity, acceleration, fourth = signals.derivatives
     raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
+    if terms.spring:
+        raw["spring"] = -fourth
     return {name: signals.filtered(column) for name, column in raw.items()}
 
 
