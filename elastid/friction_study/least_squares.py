@@ -152,7 +152,8 @@ class Solution:
     """beta (n_x,), pi (n_r,) and its std, covariance of beta (n_x, n_x), and of the joints (m,) fields of Regression.
 
     pi_std: of residuals with as many independent ones as their correlation leaves.  widening (n_x,): by errors of the
-    model that repeat with a state, and is in the covariance.
+    model that repeat with a state, and is in the covariance.  influences (n, n_x): of each log, the parts that its
+    instants have in the error of beta.
     """
 
     beta: FloatArray
@@ -164,6 +165,7 @@ class Solution:
     correlation: FloatArray
     dof: FloatArray
     widening: FloatArray
+    influences: tuple[FloatArray, ...]
 
     def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
         """The chosen numbers, those of a single joint."""
@@ -179,7 +181,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """The numbers that all logs share; rate_hz: of the instants."""
     X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
     (n, m), n_x = y.shape, X.shape[2]
-    weight = np.ones(m)
+    weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
         flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
         flat_y = (weight * y).ravel()
@@ -189,21 +191,21 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
         size[size == 0] = 1.0
         beta = np.linalg.lstsq(free_X / size, free_y, rcond=None)[0] / size
         left = (free_y - free_X @ beta).reshape(n, m)
-        weight = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-300)
+        weight = weight / np.maximum(np.sqrt(np.sum(left**2, axis=0) / used), 1e-300)
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
-    parts = np.split(scores, np.cumsum([len(log.y) for log in logs])[:-1])
+    ends = np.cumsum([len(log.y) for log in logs])[:-1]
+    parts = np.split(scores, ends)
     terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
     squares = np.sum((free_X / size @ bread).reshape(n, m, n_x) ** 2, axis=1)
-    dof = _degrees_of_freedom(np.split(squares, np.cumsum([len(log.y) for log in logs])[:-1]), terms)
+    dof = _degrees_of_freedom(np.split(squares, ends), terms)
     covariance = bread @ meat @ bread
     widening = _widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
     wider = widening * np.sqrt(_student(dof)) / size
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
-    used = np.any(X, axis=2).sum(axis=0)
     independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
     covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
@@ -212,7 +214,8 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
-    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening)
+    influences = tuple(part @ bread / size for part in parts)
+    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening, influences)
 
 
 def sum_of_squares(logs: Sequence[Equations]) -> float:
@@ -252,24 +255,16 @@ def _ridge(R: FloatArray, y: FloatArray) -> list[FloatArray]:
     return [Vt[known].T @ (s[known] / (s[known] ** 2 + ridge**2) * part) for ridge in RIDGES]
 
 
-def shift_between(
-    first: Sequence[Equations], second: Sequence[Equations], rate_hz: float
-) -> tuple[FloatArray, FloatArray]:
-    """Numbers (n_x,) of one joint in the second equations less those in the first, and its std.
+def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Numbers (n_x,) of the second less those of the first, and the std of the difference.
 
-    Both of the same logs, instant by instant: their residuals are correlated, and the std is that of the difference.
+    Both of the same logs, instant by instant: their residuals are correlated.
     """
-    numbers, influences = [], []
-    for logs in (first, second):
-        X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        inverse = np.linalg.pinv(X / size)
-        numbers.append(inverse @ y / size)
-        influences.append(inverse.T * (y - X @ numbers[-1])[:, None] / size)
-    parts = np.split(influences[1] - influences[0], np.cumsum([len(log.y) for log in first])[:-1])
-    terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
+    pairs = list(zip(first.influences, second.influences, strict=True))
+    terms = [_terms(len(own) / rate_hz, len(pairs)) for own, _ in pairs]
+    parts = [other - own for own, other in pairs]
     variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
-    return np.asarray(numbers[1] - numbers[0]), np.asarray(np.sqrt(variance * _student(np.array(sum(terms)))))
+    return second.beta - first.beta, np.asarray(np.sqrt(variance * _student(np.array(sum(terms)))))
 
 
 def _degrees_of_freedom(squares: Sequence[FloatArray], terms: Sequence[int]) -> FloatArray:

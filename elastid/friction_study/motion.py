@@ -221,7 +221,7 @@ def _shift_between_bands(
         [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
     ]
     terms = MotionTerms.of(fit.chosen)
-    wide, slow = (equations_of(motions, each, terms)[1] for each in both)
+    wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in both)
     shift, std = shift_between(wide, slow, signals[0].kept_hz)
     names = [name for name in fit.chosen.names if name != "stribeck_velocity"]  # held in both
     judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
