@@ -75,7 +75,8 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "friction-by-angle": "min_pairs min_cover min_change",
     },
     "friction_study.passes.PlateauLimits": {
-        "one-direction": "steady_share shortest_s rest_share same_speed steady_hz turn_share end_share windows line_share",
+        "one-direction": "steady_share shortest_s rest_share same_speed steady_hz turn_share end_share windows "
+        "line_share",
         "not-evaluated": "other_speed same_speed common_share",
     },
     "friction_study.levels.LevelLimits": {"level-unknown": "*"},
