@@ -218,14 +218,6 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening, influences)
 
 
-def sum_of_squares(logs: Sequence[Equations]) -> float:
-    """Of the residuals of one joint without a rigid body."""
-    X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    left = y - X / size @ np.linalg.lstsq(X / size, y, rcond=None)[0]
-    return float(left @ left)
-
-
 def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
     r"""The numbers pi (n_r,) of `solution` by ridge regression, for the prediction of other logs.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
-from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve, sum_of_squares
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
 
@@ -58,20 +58,31 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
 def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """The best one; 0 where two tests, for correlated residuals and for their sum of squares, find chance alone."""
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
-    velocities = (_VELOCITIES * fastest).tolist()
-    tried = [replace(terms, stribeck_velocity=velocity) for velocity in velocities]
-    best = min(tried, key=lambda each: sum_of_squares(equations_of(motions, signals, each)[1]))
+    best = replace(terms, stribeck_velocity=_best_velocity(motions, signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(motions, signals, terms), regressed(motions, signals, best, steps=0)
     n = sum(int(each.used.sum()) for each in signals)
     n_independent = n * (1 - without.correlation) / (1 + without.correlation)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
-    variance = np.array([[change @ fit.covariance @ change]])
-    excess = replace(fit, names=("excess",), values=np.array([change @ fit.values]), covariance=variance)
-    if max(chance, excess.chance("excess", 1)) * len(velocities) > FALSE_ALARM:
+    values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
+    excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof[change > 0])
+    if max(chance, excess.chance("excess", 1)) * len(_VELOCITIES) > FALSE_ALARM:
         return 0.0
     return regressed(motions, signals, best)["stribeck_velocity"]
+
+
+def _best_velocity(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray
+) -> float:
+    """Of velocities (m,), that whose fall of stiction explains most of what a regression without it leaves."""
+    _, logs = equations_of(motions, signals, terms)
+    X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
+    falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
+    filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
+    Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
+    left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
+    return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
 
 
 def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
