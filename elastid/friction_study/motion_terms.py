@@ -66,7 +66,8 @@ def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignal
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
     values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
-    excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof[change > 0])
+    # Few moments at low speed have few degrees of freedom; that they are no chance is the other test's to show.
+    excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof.max(keepdims=True))
     if max(chance, excess.chance("excess", 1)) * len(_VELOCITIES) > FALSE_ALARM:
         return 0.0
     return regressed(motions, signals, best)["stribeck_velocity"]
