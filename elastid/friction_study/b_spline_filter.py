@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.signal import fftconvolve
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray
 
@@ -25,12 +26,15 @@ def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
     return np.asarray(taps / taps.sum())
 
 
-def filtered(column: FloatArray, taps: FloatArray) -> FloatArray:
-    """A column (n, ...) behind the filter along its first axis; ends see zeros."""
-    shaped = taps.reshape(-1, *(1 for _ in column.shape[1:]))
-    return np.asarray(fftconvolve(column, shaped, mode="same", axes=0))
+def filtered(column: FloatArray, taps: FloatArray, kept: slice) -> FloatArray:
+    """The samples of a slice, further than half the filter from the ends, of a column (n, ...) along its first axis."""
+    h = len(taps) // 2
+    before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
+    sums = upfirdn(taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
+    first = (before + h) // kept.step
+    return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
 
 def within(samples: BoolArray, reach: int) -> BoolArray:
     """True for each sample (n,) with one of the given ones at most `reach` samples away."""
-    return np.asarray(np.convolve(samples, np.ones(2 * reach + 1), "full")[reach : reach + len(samples)] > 0.5)
+    return np.asarray(maximum_filter1d(samples.astype(np.uint8), 2 * reach + 1, mode="constant") > 0)

@@ -28,7 +28,8 @@ from elastid.friction_study.levels import PassLevels, levels_of_records
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.pass_checks import angle_note, check_counts
-from elastid.friction_study.passes import PLATEAUS, detect_passes, lone_plateaus, passes_of
+from elastid.friction_study.pass_detection import detect_passes, lone_plateaus
+from elastid.friction_study.passes import PLATEAUS, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.friction_study.run_down import levels_of_run_downs

@@ -138,6 +138,8 @@ NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
 TEMPERATURE_STEP_K = 2.0
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
+# Speeds that show a difference between the directions that is no offset.
+MIN_UNEVEN_SPEEDS = 4
 
 
 @dataclass(frozen=True)
@@ -218,7 +220,7 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
     temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
     loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
     few = f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}" if speeds < MIN_SPEEDS else ""
-    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else f"{ABSENT}: both directions have the same levels"
+    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else _directions_refusal(levels, speeds)
     one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
     two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
     one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"
@@ -234,6 +236,21 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
         _Part("temperature", one_T or two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
         _Part("exponent", few, (), ("exponent",), "stribeck_velocity", is_tested=False),
         _Part("quadratic", few, ("quadratic",)),
+    )
+
+
+def _directions_refusal(levels: Levels, speeds: int) -> str:
+    """The reason why levels that are not of both directions identify no difference of them."""
+    if levels.direction.any():
+        return "the levels are of one direction; record the way back too"
+    if speeds < MIN_UNEVEN_SPEEDS:
+        return (
+            f"{speeds} speeds; a difference between the directions is one of slopes over speed, which needs "
+            f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
+        )
+    return (
+        f"{ABSENT}: the difference between the directions does not change with speed beyond chance, and a constant one "
+        "cannot be distinguished from an offset of the torque"
     )
 
 

@@ -8,8 +8,10 @@ with those of the rigid body have residuals that are not white:
 for the torques of m joints in one log or several. R, the columns of everything that is no friction, is taken out of X
 and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need not be identifiable. Joints are weighted
 by the residuals of their torques. The covariance of beta takes neither time nor joints for independent: it is that of
-the slowest B cosines of the scores of each log, with Student's quantile of B degrees of freedom in it (Lazarus, Lewis,
-Stock and Watson, J. Business & Economic Statistics 36, 2018).
+the slowest B cosines of the scores of each log (Lazarus, Lewis, Stock and Watson, J. Business & Economic Statistics 36,
+2018), with Student's quantile in it. Its degrees of freedom are B where a number is learnt all the time, and fewer,
+number by number, where it is learnt in few moments, as an inertia in the ramps of trapezoids (Satterthwaite, Biometrics
+2, 1946; Bell and McCaffrey, Survey Methodology 28, 2002).
 
 Errors of the model repeat with the state, not with time: a motion that is repeated repeats them. The scores in the
 order of a state (angle, velocity) make a covariance of the same kind; where it is larger than the one over time beyond
@@ -23,6 +25,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.fft import dct
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr, stdtrit
 
@@ -116,7 +119,7 @@ class Equations:
 class Regression:
     """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next.
 
-    dof: of the covariance.  widening: of the most widened std by errors of the model that repeat with a state.
+    dof (n_x,): of their variances.  widening: of the most widened std by errors of the model that repeat with a state.
     """
 
     names: tuple[str, ...]
@@ -125,7 +128,7 @@ class Regression:
     relative_error: float
     sum_of_squares: float
     correlation: float
-    dof: int
+    dof: FloatArray
     widening: float
 
     def __getitem__(self, name: str) -> float:
@@ -138,9 +141,10 @@ class Regression:
 
     def chance(self, name: str, sign: int) -> float:
         """Chance of a number as far from zero on the side of the sign, or on either for 0, where it is zero."""
-        quantile = float(stdtrit(self.dof, 0.975))  # at which the std stands for 1.96
+        dof = self.dof[self.names.index(name)]
+        quantile = float(stdtrit(dof, 0.975))  # at which the std stands for 1.96
         t = self[name] / max(self.std(name), 1e-300) * quantile / QUANTILE_95
-        return float(stdtr(self.dof, -sign * t) if sign else 2 * stdtr(self.dof, -abs(t)))
+        return float(stdtr(dof, -sign * t) if sign else 2 * stdtr(dof, -abs(t)))
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,8 @@ class Solution:
     """beta (n_x,), pi (n_r,) and its std, covariance of beta (n_x, n_x), and of the joints (m,) fields of Regression.
 
     pi_std: of residuals with as many independent ones as their correlation leaves.  widening (n_x,): by errors of the
-    model that repeat with a state, and is in the covariance.
+    model that repeat with a state, and is in the covariance.  influences (n, n_x): of each log, the parts that its
+    instants have in the error of beta.
     """
 
     beta: FloatArray
@@ -158,16 +163,17 @@ class Solution:
     relative_error: FloatArray
     sum_of_squares: FloatArray
     correlation: FloatArray
-    dof: int
+    dof: FloatArray
     widening: FloatArray
+    influences: tuple[FloatArray, ...]
 
     def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
         """The chosen numbers, those of a single joint."""
         error, squares, correlation = self.relative_error[joint], self.sum_of_squares[joint], self.correlation[joint]
         covariance, widening = self.covariance[np.ix_(chosen, chosen)], float(self.widening[list(chosen)].max())
-        values = self.beta[list(chosen)]
+        values, dof = self.beta[list(chosen)], self.dof[list(chosen)]
         return Regression(
-            tuple(names), values, covariance, float(error), float(squares), float(correlation), self.dof, widening
+            tuple(names), values, covariance, float(error), float(squares), float(correlation), dof, widening
         )
 
 
@@ -175,7 +181,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """The numbers that all logs share; rate_hz: of the instants."""
     X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
     (n, m), n_x = y.shape, X.shape[2]
-    weight = np.ones(m)
+    weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
         flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
         flat_y = (weight * y).ravel()
@@ -185,19 +191,21 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
         size[size == 0] = 1.0
         beta = np.linalg.lstsq(free_X / size, free_y, rcond=None)[0] / size
         left = (free_y - free_X @ beta).reshape(n, m)
-        weight = weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-300)
+        weight = weight / np.maximum(np.sqrt(np.sum(left**2, axis=0) / used), 1e-300)
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
-    parts = np.split(scores, np.cumsum([len(log.y) for log in logs])[:-1])
+    ends = np.cumsum([len(log.y) for log in logs])[:-1]
+    parts = np.split(scores, ends)
     terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
-    dof = sum(terms)
-    covariance = bread @ meat @ bread * _student(dof)
-    widening = _widening(bread, scores, states, np.diag(covariance), dof)
-    covariance *= np.outer(widening, widening) / np.outer(size, size)
+    squares = np.sum((free_X / size @ bread).reshape(n, m, n_x) ** 2, axis=1)
+    dof = _degrees_of_freedom(np.split(squares, ends), terms)
+    covariance = bread @ meat @ bread
+    widening = _widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
+    wider = widening * np.sqrt(_student(dof)) / size
+    covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
-    used = np.any(X, axis=2).sum(axis=0)
     independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
     covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
@@ -206,7 +214,8 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
-    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening)
+    influences = tuple(part @ bread / size for part in parts)
+    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening, influences)
 
 
 def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
@@ -238,38 +247,48 @@ def _ridge(R: FloatArray, y: FloatArray) -> list[FloatArray]:
     return [Vt[known].T @ (s[known] / (s[known] ** 2 + ridge**2) * part) for ridge in RIDGES]
 
 
-def shift_between(
-    first: Sequence[Equations], second: Sequence[Equations], rate_hz: float
-) -> tuple[FloatArray, FloatArray]:
-    """Numbers (n_x,) of one joint in the second equations less those in the first, and its std.
+def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Numbers (n_x,) of the second less those of the first, and the std of the difference.
 
-    Both of the same logs, instant by instant: their residuals are correlated, and the std is that of the difference.
+    Both of the same logs, instant by instant: their residuals are correlated.
     """
-    numbers, influences = [], []
-    for logs in (first, second):
-        X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        inverse = np.linalg.pinv(X / size)
-        numbers.append(inverse @ y / size)
-        influences.append(inverse.T * (y - X @ numbers[-1])[:, None] / size)
-    parts = np.split(influences[1] - influences[0], np.cumsum([len(log.y) for log in first])[:-1])
-    terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
+    pairs = list(zip(first.influences, second.influences, strict=True))
+    terms = [_terms(len(own) / rate_hz, len(pairs)) for own, _ in pairs]
+    parts = [other - own for own, other in pairs]
     variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
-    return np.asarray(numbers[1] - numbers[0]), np.asarray(np.sqrt(variance * _student(sum(terms))))
+    return second.beta - first.beta, np.asarray(np.sqrt(variance * _student(np.array(sum(terms)))))
 
 
-def _student(dof: int) -> float:
+def _degrees_of_freedom(squares: Sequence[FloatArray], terms: Sequence[int]) -> FloatArray:
+    r"""Of the variances (n_x,): 2 (E V)^2 / var V of residuals that are white, for squares (n, n_x) of influences.
+
+    A log's cosines C of B terms have the covariance M = C diag(squares) C^T, and V is 2 / B of their sum of squares.
+    """
+    mean, variance = np.zeros(squares[0].shape[1]), np.zeros(squares[0].shape[1])
+    for own, count in zip(squares, terms, strict=True):
+        # cos a cos b = (cos(a - b) + cos(a + b)) / 2
+        cosines = np.concatenate([own.sum(axis=0)[None], dct(own, axis=0)[1 : 2 * count + 1] / 2])
+        j, k = np.indices((count, count)) + 1
+        M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2
+        mean += 2 / count * np.einsum("jjx->x", M)
+        variance += (2 / count) ** 2 * np.einsum("jkx,jkx->x", M, M)
+    return np.asarray(mean**2 / np.maximum(variance, 1e-300))
+
+
+def _student(dof: FloatArray) -> FloatArray:
     """Factor of a variance of so many degrees of freedom, after which 1.96 std are the 95 % interval."""
-    return float(stdtrit(dof, 0.975) / QUANTILE_95) ** 2
+    return np.asarray((stdtrit(dof, 0.975) / QUANTILE_95) ** 2)
 
 
-def _widening(bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: int) -> FloatArray:
+def _widening(
+    bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
+) -> FloatArray:
     """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
-    used, widening = np.any(scores, axis=1), np.ones(len(bread))
-    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * _student(_STATE_TERMS) / _student(dof)
+    used, widening, own_student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_STATE_TERMS))
+    limit = fdtri(_STATE_TERMS, dof, 1 - _STATE_CHANCE) * own_student / _student(dof)
     for state in states.T:
         ordered = scores[used][np.argsort(state[used])]
-        own = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * _student(_STATE_TERMS)
+        own = np.diag(bread @ _long_run(ordered, _STATE_TERMS) @ bread) * own_student
         ratio = own / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return np.asarray(widening)
@@ -282,9 +301,8 @@ def _terms(duration_s: float, logs: int) -> int:
 
 def _long_run(scores: FloatArray, terms: int) -> FloatArray:
     """The covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
-    n = len(scores)
-    cosines = np.cos(np.pi * np.outer(np.arange(1, terms + 1), (np.arange(n) + 0.5) / n))
-    return np.asarray(2 / terms * (cosines @ scores).T @ (cosines @ scores))
+    cosines = dct(scores, axis=0)[1 : terms + 1] / 2
+    return np.asarray(2 / terms * cosines.T @ cosines)
 
 
 def _basis(R: FloatArray) -> FloatArray:

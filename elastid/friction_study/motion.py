@@ -23,7 +23,7 @@ from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.laws import MIN_SPEEDS, Held
-from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between
+from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
     MotionTerms,
@@ -38,6 +38,7 @@ from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
+ADVICE = "move more slowly, or identify the spring from frequency responses"
 # Numbers of what is no friction.
 RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
 
@@ -153,18 +154,20 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionFriction:
     """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
     chosen, texts = fit.chosen, []
-    shift, std = _shift_in_narrow_band(fit, motions, signals)
+    narrow = _narrow_signals(fit, motions)
+    shift, std = _shift_between_bands(fit, motions, signals, narrow)
     worst = int(np.argmax(np.abs(shift) / std))
     if (stds := abs(shift[worst] / std[worst])) > LIMITS.max_shift:
-        narrow, name = LIMITS.narrow * fit.passband_hz, chosen.names[worst]
+        narrow_hz, name = LIMITS.narrow * fit.passband_hz, chosen.names[worst]
         is_elastic = abs(shift[0]) > LIMITS.inertia_shift * chosen.std("inertia")
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(shift, shift))
         if is_elastic:
             texts.append(
-                f"below {narrow:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, and the inertia "
-                "other, as a spring between motor and link makes them and a rigid axis does not; move more slowly, or "
-                "identify the spring from frequency responses"
+                f"below {narrow_hz:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, and the "
+                f"inertia other, as a spring between motor and link makes them and a rigid axis does not; {ADVICE}"
             )
+    if narrow and not texts:
+        texts += _spring(fit, motions, narrow)
     names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
     error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)
     if chosen.widening > 1 and error > LIMITS.max_error:
@@ -177,29 +180,54 @@ def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[Mo
     return replace(judged, apart=chosen) if fit.are_apart else replace(judged, alike=chosen)
 
 
-def _shift_in_narrow_band(
-    fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]
-) -> tuple[FloatArray, FloatArray]:
-    """Of the numbers (n_x,), and its std; zero where the logs are too short or reverse too often for the band."""
-    none = np.zeros(len(fit.chosen.names)), np.ones(len(fit.chosen.names))
+def _narrow_signals(fit: MotionFriction, motions: Sequence[Motion]) -> list[MotionSignals]:
+    """Those of the narrow band; none where the logs are too short or reverse too often for it."""
     try:
         narrow = [MotionSignals.of(motion, LIMITS.narrow * fit.passband_hz) for motion in motions]
     except DataError:
-        return none
-    if any(each.used.all() for each in narrow):
-        return none
+        return []
+    return [] if any(each.used.all() for each in narrow) else narrow
+
+
+def _spring(fit: MotionFriction, motions: Sequence[Motion], narrow: Sequence[MotionSignals]) -> list[str]:
+    r"""The text on a spring between motor and link, if the narrow band shows one beyond chance.
+
+    Below its resonance a spring k that carries the inertia J_l adds to the torque of the motor, of its angle's series,
+
+    .. math:: -\frac{J_l^2}{k} q^{(4)}
+    """
+    terms = replace(MotionTerms.of(fit.chosen), spring=True)
+    names, logs = equations_of(motions, narrow, terms)
+    numbers = solve(logs, narrow[0].kept_hz).of_joint(0, range(len(names)), names)
+    if numbers.chance("spring", 1) > FALSE_ALARM:
+        return []
+    freq_hz = np.sqrt(max(numbers["inertia"], 0.0) / numbers["spring"]) / (2 * np.pi)
+    return [
+        f"below {LIMITS.narrow * fit.passband_hz:g} Hz the torque has a part of the angle's fourth derivative, "
+        f"{numbers['spring'] / numbers.std('spring'):.2g} std from zero, as a spring between motor and link gives it "
+        f"(with the motor held, the link swings at {freq_hz:.2g} Hz at most); {ADVICE}"
+    ]
+
+
+def _shift_between_bands(
+    fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals], narrow: Sequence[MotionSignals]
+) -> tuple[FloatArray, FloatArray]:
+    """Of the numbers (n_x,) in the narrow band, less those of all, and its std; zero without a narrow band."""
+    of_all = np.zeros(len(fit.chosen.names)), np.ones(len(fit.chosen.names))
+    if not narrow:
+        return of_all
     inner = [slice(each.kept.start, each.kept.stop, own.kept.step) for each, own in zip(narrow, signals, strict=True)]
     both = [
         [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
     ]
     terms = MotionTerms.of(fit.chosen)
-    wide, slow = (equations_of(motions, each, terms)[1] for each in both)
+    wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in both)
     shift, std = shift_between(wide, slow, signals[0].kept_hz)
     names = [name for name in fit.chosen.names if name != "stribeck_velocity"]  # held in both
     judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
     places = [fit.chosen.names.index(names[i]) for i in judged]
-    none[0][places], none[1][places] = shift[judged], np.maximum(std[judged], 1e-300)
-    return none
+    of_all[0][places], of_all[1][places] = shift[judged], np.maximum(std[judged], 1e-300)
+    return of_all
 
 
 def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -47,7 +48,7 @@ class Motion:
 class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives, torque as logged; direction: sgn of the velocity.
 
-    derivatives (2, n): velocity and acceleration of the position as logged, which the filter of both sides smooths.
+    derivatives (3, n): of the position as logged, which the filter of both sides smooths: first, second and fourth.
     taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
     """
 
@@ -82,22 +83,24 @@ class MotionSignals:
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
-        velocity, acceleration = (np.asarray(spline(samples / rate, nu=order)) for order in (1, 2))
         logged = make_interp_spline(samples / rate, motion.position, k=5)
-        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
+        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2, 4)])
         # A jump between two samples is sampled as its part within the band is.
         finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
         instants = np.arange(finer * len(position)) / (finer * rate)
-        direction = resample_poly(np.sign(spline(instants, nu=1)), 1, finer, padtype="line")
+        velocity = np.asarray(spline(instants, nu=1))
+        direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
         kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
+        acceleration = np.asarray(spline(samples / rate, nu=2))
         return cls(
-            rate, position, velocity, acceleration, derivatives, direction, motion.torque, taps, kept, passband_hz
-        )
+            rate, position, velocity[::finer], acceleration, derivatives, direction, motion.torque, taps, kept,
+            passband_hz,
+        )  # fmt: skip
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
-        return filtered(column, self.taps)[self.kept]
+        return filtered(column, self.taps, self.kept)
 
     @property
     def kept_hz(self) -> float:
@@ -110,14 +113,14 @@ class MotionSignals:
         speed = np.abs(self.velocity)
         return np.asarray(speed < PLATEAUS.rest_share * speed.max())
 
-    @property
+    @cached_property
     def slides(self) -> BoolArray:
         """At full rate (n,), true where neither rest nor a reversal is within the filter."""
         sign = np.sign(self.velocity)
         turns = np.append(False, sign[1:] != sign[:-1])
         return ~within(self.rests | turns, len(self.taps) // 2 + _SPLINE_REACH)
 
-    @property
+    @cached_property
     def used(self) -> BoolArray:
         """Of the samples that are kept (k,), those that slide; all, where hardly any does."""
         slides = self.slides[self.kept]

@@ -21,13 +21,15 @@ _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns."""
+    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  spring: of a gear, for a test.
+    """
 
     apart: bool = True
     delay: bool = False
     stribeck_velocity: float = 0.0
     harmonics: tuple[int, ...] = ()
     load: bool = False
+    spring: bool = False
 
     @classmethod
     def of(cls, numbers: Regression) -> MotionTerms:
@@ -56,21 +58,32 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
 def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """The best one; 0 where two tests, for correlated residuals and for their sum of squares, find chance alone."""
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
-    velocities = (_VELOCITIES * fastest).tolist()
-    tried = [replace(terms, stribeck_velocity=velocity) for velocity in velocities]
-    fits = [regressed(motions, signals, each, steps=0) for each in tried]
-    best = min(range(len(fits)), key=lambda i: fits[i].sum_of_squares)
-    without, fit = regressed(motions, signals, terms), fits[best]
+    best = replace(terms, stribeck_velocity=_best_velocity(motions, signals, terms, _VELOCITIES * fastest))
+    without, fit = regressed(motions, signals, terms), regressed(motions, signals, best, steps=0)
     n = sum(int(each.used.sum()) for each in signals)
     n_independent = n * (1 - without.correlation) / (1 + without.correlation)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
-    variance = np.array([[change @ fit.covariance @ change]])
-    excess = replace(fit, names=("excess",), values=np.array([change @ fit.values]), covariance=variance)
-    if max(chance, excess.chance("excess", 1)) * len(velocities) > FALSE_ALARM:
+    values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
+    # Few moments at low speed have few degrees of freedom; that they are no chance is the other test's to show.
+    excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof.max(keepdims=True))
+    if max(chance, excess.chance("excess", 1)) * len(_VELOCITIES) > FALSE_ALARM:
         return 0.0
-    return regressed(motions, signals, tried[best])["stribeck_velocity"]
+    return regressed(motions, signals, best)["stribeck_velocity"]
+
+
+def _best_velocity(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray
+) -> float:
+    """Of velocities (m,), that whose fall of stiction explains most of what a regression without it leaves."""
+    _, logs = equations_of(motions, signals, terms)
+    X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
+    falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
+    filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
+    Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
+    left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
+    return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
 
 
 def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
@@ -132,10 +145,12 @@ def columns_of(
     motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
-    velocity, acceleration = signals.derivatives
+    velocity, acceleration, fourth = signals.derivatives
     raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
+    if terms.spring:
+        raw["spring"] = -fourth
     return {name: signals.filtered(column) for name, column in raw.items()}
 
 

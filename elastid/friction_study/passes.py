@@ -18,14 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.base.errors import DataError
-from elastid.base.note import Note
 from elastid.friction_study.least_squares import with_lags
 from elastid.record import FrictionRecord
 
@@ -240,9 +237,13 @@ class PlateauLimits:
     shortest_s: float = 0.15
     rest_share: float = 0.005  # of the highest speed, below which a joint is at rest
     same_speed: float = 0.05  # speeds closer than this share are the same
+    common_share: float = 0.1  # of the shorter plateau's travel, that there and back share under gravity
     other_speed: float = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
     steady_hz: float = 15.0  # band in which a plateau is steady, about as long as the shortest one
-    stick_slip_hz: float = 0.3  # band in which one with stick-slip is steady
+    turn_share: float = 0.01  # of the travel of a log, by which it goes back after a turning point at least
+    end_share: float = 0.05  # of a way at each end, in which it may rest and accelerate
+    windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
+    line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
     margin_s: float = 0.3  # around a pair, for the derivatives at its ends
 
 
@@ -288,107 +289,9 @@ def distinct_speeds(plateaus: Sequence[Plateau]) -> tuple[float, ...]:
     return tuple(float(np.mean(group)) for group in groups)
 
 
-def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
-
-    has_gravity: there and back must then share positions.  Of a log with a speed, its plateaus at that speed alone;
-    DataError where such a log has no pass there and back at it.
-    """
-    plateaus = _plateaus(record, PLATEAUS.steady_hz)
-    pairs = _pairs(record, plateaus, has_gravity)
-    if record.speed is not None and not pairs:
-        slow = _plateaus(record, PLATEAUS.stick_slip_hz)
-        pairs, plateaus = _pairs(record, slow, has_gravity), plateaus or slow
-    if record.speed is not None and not pairs:
-        raise DataError(_refusal(record, plateaus))
-    return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
-
-
-def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> tuple[Note, ...]:
-    """A note on the speeds at which a motion slides without a way back, be that a less steady one."""
-    pairs = _pairs(record, _plateaus(record, PLATEAUS.stick_slip_hz), has_gravity=True)
-    known = [*(each.speed for each in passes if each.speed is not None), *(abs(way.velocity) for way, _ in pairs)]
-    alone = [
-        speed
-        for speed in distinct_speeds(_plateaus(record, PLATEAUS.steady_hz))
-        if not any(abs(speed - other) <= PLATEAUS.same_speed * speed for other in known)
-    ]
-    if not alone:
-        return ()
-    listed = ", ".join(f"{speed:.3g}" for speed in alone)
-    text = (
-        f"it slides steadily at {listed} {record.unit}/s without the way back through the same positions: no level of "
-        "friction at these speeds, since both directions distinguish it from gravity and offset; record both directions"
-    )
-    return (Note("one-direction", text, f"motion {record.name} of joint {record.joint}", "information"),)
-
-
-def _plateaus(record: FrictionRecord, passband_hz: float) -> tuple[Plateau, ...]:
-    velocity, acceleration = _smooth(record, passband_hz)
-    plateaus = find_plateaus(velocity, acceleration, record.rate_hz)
-    if record.speed is None:
-        return plateaus
-    return tuple(p for p in plateaus if abs(abs(p.velocity) - record.speed) <= PLATEAUS.other_speed * record.speed)
-
-
-def _smooth(record: FrictionRecord, passband_hz: float) -> tuple[FloatArray, FloatArray]:
-    sos = butter(4, min(passband_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    velocity = np.gradient(sosfiltfilt(sos, record.position), 1 / record.rate_hz)
-    return velocity, np.gradient(velocity, 1 / record.rate_hz)
-
-
-def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
-    """Each plateau with the next one back at the same speed, each used once."""
-
-    def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = PLATEAUS.same_speed * abs(first.velocity)
-        if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
-            return False
-        q, q_back = (record.position[p.start : p.stop] for p in (first, other))
-        return not has_gravity or bool(max(q.min(), q_back.min()) < min(q.max(), q_back.max()))
-
-    pairs: list[tuple[Plateau, Plateau]] = []
-    free = list(plateaus)
-    while free:
-        first = free.pop(0)
-        if (partner := next((other for other in free if is_way_back(first, other)), None)) is not None:
-            free.remove(partner)
-            pairs.append((first, partner))
-    return pairs
-
-
-def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
-    margin = round(PLATEAUS.margin_s * record.rate_hz)
-    start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
-    names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
-    logged = {name: getattr(record, name) for name in names}
-    signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
-    return replace(
-        record, **signals,
-        name=f"{record.name}-{number}", purpose="passes", there=(forth.start - start, forth.stop - start),
-        back=(back.start - start, back.stop - start), speed=(abs(forth.velocity) + abs(back.velocity)) / 2,
-        start_s=record.start_s + start / record.rate_hz, notes=(),
-    )  # fmt: skip
-
-
 def one_way(ways: Collection[float]) -> str:
     """The end of a message about passes of one direction alone, 1 or -1."""
     return (
         f"{'positive' if 1.0 in ways else 'negative'} velocity only; friction cannot be distinguished from gravity and "
         "offset without the way back; record both directions"
-    )
-
-
-def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
-    where = f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s"
-    ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
-    if len(ways) == 1:
-        return f"{where}: they have {one_way(ways)}"
-    if ways:
-        return f"{where}: the ways there and back cover no common positions; record both through the same window"
-    velocity, _ = _smooth(record, PLATEAUS.steady_hz)
-    return (
-        f"{where}: no plateau was found (travel {np.ptp(record.position):.4g} {record.unit}, fastest "
-        f"{np.abs(velocity).max():.4g} {record.unit}/s): the window is too short for ramps, settling and a plateau, or "
-        "the speed is another; record a longer travel, or correct speed"
     )

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from scipy.linalg import qr
-from scipy.special import ndtr
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
@@ -28,10 +27,11 @@ from elastid.friction_study.least_squares import (
     Equations,
     Regression,
     Solution,
+    shift_between,
     shrunk_numbers,
     solve,
 )
-from elastid.friction_study.motion import MotionFriction, RigidBody, parts_held, refuse_driving
+from elastid.friction_study.motion import LIMITS, MotionFriction, RigidBody, parts_held, refuse_driving
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
@@ -74,9 +74,9 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     chosen, regrouped = _base_columns(robot, joints, logs, signals)
     rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, signals, strict=True)]
     rate_hz = signals[0][joints[0]].kept_hz
-    pairs = list(zip(signals, rigid, strict=True))
-    equations = [[_equations(*pair, apart) for pair in pairs] for apart in (False, True)]
+    equations = _both_equations(signals, rigid)
     solutions = [solve(each, rate_hz) for each in equations]
+    shifts = _shifts_between_bands(robot, logs, signals, rigid, chosen, passband_hz)
     names, units = zip(*_numbers(robot, joints), strict=True)
     least, shrunk = solutions[0], shrunk_numbers(equations[0], solutions[0])
     of_base = tuple(units[i] for i in chosen)
@@ -91,7 +91,9 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     )
     friction = {
         joint: replace(
-            _of_joint([(log[joint], each[joint]) for log, each in zip(alone, signals, strict=True)], i, *solutions),
+            _of_joint(
+                [(log[joint], each[joint]) for log, each in zip(alone, signals, strict=True)], i, solutions, shifts
+            ),
             rigid_body=body,
         )
         for i, joint in enumerate(joints)
@@ -235,41 +237,103 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     for i, own in enumerate(parts):
         X[:, i, i * width : (i + 1) * width] = own
     torque = np.stack([each.torque for each in signals.values()], axis=1)
-    states = np.zeros((len(first.filtered(torque)), 0))
-    return Equations(first.filtered(X), first.filtered(rigid), first.filtered(torque), states)
+    used = np.stack([each.used for each in signals.values()], axis=1)
+    X, R, y = first.filtered(X), first.filtered(rigid), first.filtered(torque)
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.zeros((len(y), 0)))
+
+
+def _both_equations(
+    signals: Sequence[Mapping[str, MotionSignals]], rigid: Sequence[FloatArray]
+) -> tuple[list[Equations], list[Equations]]:
+    """Of all logs, with the same numbers in both directions and with different ones."""
+    pairs = list(zip(signals, rigid, strict=True))
+    return [_equations(*pair, False) for pair in pairs], [_equations(*pair, True) for pair in pairs]
+
+
+def _shifts_between_bands(
+    robot: Robot,
+    logs: Sequence[RobotLog],
+    signals: Sequence[Mapping[str, MotionSignals]],
+    rigid: Sequence[FloatArray],
+    chosen: IntArray,
+    passband_hz: float,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Of the numbers of both regressions, from all of the band to its narrow part, and their std; none without it."""
+    joints = tuple(signals[0])
+    try:
+        narrow = [
+            {joint: MotionSignals.of(log.motions[joint], LIMITS.narrow * passband_hz) for joint in joints}
+            for log in logs
+        ]
+    except DataError:
+        return []
+    if any(each.used.all() for log in narrow for each in log.values()):
+        return []
+    inner, thinned = [], []
+    for log, own in zip(narrow, signals, strict=True):
+        kept = slice(log[joints[0]].kept.start, log[joints[0]].kept.stop, own[joints[0]].kept.step)
+        inner.append({joint: replace(each, kept=kept) for joint, each in own.items()})
+        thinned.append({joint: replace(each, kept=kept) for joint, each in log.items()})
+    slow_rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, thinned, strict=True)]
+    rate_hz = signals[0][joints[0]].kept_hz
+    both = zip(_both_equations(inner, rigid), _both_equations(thinned, slow_rigid), strict=True)
+    return [shift_between(solve(wide, rate_hz), solve(slow, rate_hz), rate_hz) for wide, slow in both]
 
 
 def _of_joint(
-    logs: Sequence[tuple[Motion, MotionSignals]], i: int, alike_fit: Solution, apart_fit: Solution
+    logs: Sequence[tuple[Motion, MotionSignals]],
+    i: int,
+    solutions: Sequence[Solution],
+    shifts: Sequence[tuple[FloatArray, FloatArray]],
 ) -> MotionFriction:
     """The i-th joint's numbers; logs: its motions without the rigid body, and their signals."""
     motion, signals = logs[0][0], [each for _, each in logs]
-    shared = alike_fit.of_joint(i, range(2 * i, 2 * i + 2), ("viscous", "coulomb"))
-    directed = apart_fit.of_joint(i, range(3 * i, 3 * i + 3), ("viscous", "coulomb", "directions.viscous"))
+    names = ("viscous", "coulomb", "directions.viscous")
+    places = [range(width * i, width * (i + 1)) for width in (2, 3)]
+    shared, directed = (
+        solution.of_joint(i, own, names[: len(own)]) for solution, own in zip(solutions, places, strict=True)
+    )
     refuse_driving(motion.place, shared)
-    chance = float(2 * ndtr(-abs(directed["directions.viscous"]) / max(directed.std("directions.viscous"), 1e-300)))
+    chance = directed.chance("directions.viscous", 0)
+    texts = ["", ""]
+    if shifts:
+        moved = [(shift[list(own)], std[list(own)]) for (shift, std), own in zip(shifts, places, strict=True)]
+        (shared, texts[0]), (directed, texts[1]) = (
+            _with_shift(numbers, *each, signals[0].passband_hz)
+            for numbers, each in zip((shared, directed), moved, strict=True)
+        )
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
     notes = (_rigid_body_note(motion.place, signals, shared),)
-    inside = sum((each.kept.stop - each.kept.start) / each.rate_hz for each in signals)
+    seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
+    are_apart = chance < FALSE_ALARM
     return MotionFriction(
-        motion,
-        shared,
-        directed,
-        chance < FALSE_ALARM,
-        chance,
-        plateaus,
-        held,
-        signals[0].passband_hz,
-        notes,
-        {"used": inside, "ends of the log": sum(len(each.position) / each.rate_hz for each in signals) - inside},
+        motion, shared, directed, are_apart, chance, plateaus, held, signals[0].passband_hz, notes, seconds,
+        texts[are_apart],
+    )  # fmt: skip
+
+
+def _with_shift(numbers: Regression, shift: FloatArray, std: FloatArray, passband_hz: float) -> tuple[Regression, str]:
+    """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
+    worst = int(np.argmax(np.abs(shift) / np.maximum(std, 1e-300)))
+    stds = abs(shift[worst]) / max(float(std[worst]), 1e-300)
+    if stds <= LIMITS.max_shift:
+        return numbers, ""
+    wider = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
+    error, name = max((wider.std(name) / max(abs(wider[name]), 1e-300), name) for name in ("viscous", "coulomb"))
+    if error <= LIMITS.max_error:
+        return wider, ""
+    return wider, (
+        f"below {LIMITS.narrow * passband_hz:g} Hz {numbers.names[worst]} is {stds:.2g} std off that below "
+        f"{passband_hz:g} Hz, so that {name} is known to {error:.0%} only: the rigid body and its friction do not "
+        "explain the torque; measure passes of this joint alone, which do not depend on the rigid body"
     )
 
 
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:
     """The share of the torque that rigid body and friction leave, and its effect on the numbers."""
-    v = np.concatenate([each.filtered(each.velocity) for each in signals])
-    s = np.concatenate([each.filtered(each.direction) for each in signals])
+    v = np.concatenate([each.filtered(each.velocity)[each.used] for each in signals])
+    s = np.concatenate([each.filtered(each.direction)[each.used] for each in signals])
     friction = float(np.linalg.norm(fit["viscous"] * v + fit["coulomb"] * s))
     share = float(np.sqrt(fit.sum_of_squares)) / max(friction, 1e-300)
     independent = len(v) * (1 - fit.correlation) / (1 + fit.correlation)

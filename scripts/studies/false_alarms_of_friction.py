@@ -74,8 +74,9 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "friction-by-angle": "min_pairs min_cover min_change",
     },
     "friction_study.passes.PlateauLimits": {
-        "one-direction": "steady_share shortest_s rest_share same_speed steady_hz",
-        "not-evaluated": "other_speed same_speed stick_slip_hz",
+        "one-direction": "steady_share shortest_s rest_share same_speed steady_hz turn_share end_share windows "
+        "line_share",
+        "not-evaluated": "other_speed same_speed common_share",
     },
     "friction_study.levels.LevelLimits": {"level-unknown": "*"},
     "friction_study.joint_levels.SideLimits": {"levels-refused": "min_ratio min_stds close_factor"},
