@@ -169,7 +169,7 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     logged = sorted({channel.at for channel in recorded.channels if channel.role == "u"})
     if file.purpose in ("loops", "at_rest") and not file.joint and len(logged) > 1:
         message = (
-            f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, by itself, since "
+            f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, alone, since "
             "each joint moves the others through the robot"
         )
         yield Problem((*path, "purpose"), message)
