@@ -273,7 +273,7 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
     """beta (F, n_y, n_u) of G, as large as its mean square without what noise of that variance makes of it."""
     weights, noise = segments.leakage
     F, m = len(G), len(weights) // 2
-    if F <= m:
+    if m >= F:
         return np.zeros_like(G)
     lines = np.pad(G, ((m, m), (0, 0), (0, 0)), "reflect", reflect_type="odd")
     beta = np.sum([weight * lines[i : i + F] for i, weight in enumerate(weights)], axis=0)
