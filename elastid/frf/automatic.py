@@ -11,10 +11,10 @@ each line with input power, relative to |G|,
 and the mean of the roots of epsilon, squared, is the error of the candidate: in their mean square lines beyond the
 excited band would outweigh all others, while their geometric mean would forgive a lost antiresonance.
 
-beta is for segments alone: sigma^2, their noise, lacks the bias by leakage, a start from rest and noise in a loop. Delta
-is the difference to the local rational method, whose model holds the start from rest, and whose variance sigma_l^2 holds
-the error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <> is a mean over
-neighbouring lines.  A mean over periods has a transient in its scatter.
+beta is for segments alone: sigma^2, their noise, lacks the bias by leakage, a start from rest and noise in a loop.
+Delta is the difference to the local rational method, whose model holds the start from rest, and whose variance
+sigma_l^2 holds the error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <>
+is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.
 """
 
 from __future__ import annotations
