@@ -66,5 +66,5 @@ def test_two_torque_constants_of_an_arm_are_within_their_intervals() -> None:
 def test_a_payload_that_is_unknown_fixes_no_scale() -> None:
     heavy = replace(pendulum(), payload=Payload(0.02, (0.3, 0.0, 0.0), at="load"))
     spec = FitSpec(parameters=EVERY | {"m_payload": ParameterSpec()}, starts=1, profile=())
-    with pytest.raises(FitError, match="scale|cannot be distinguished"):
+    with pytest.raises(FitError, match=r"scale|cannot be distinguished"):
         fit_parameters(twice(heavy, ((0.0,),), 0), heavy, spec)
