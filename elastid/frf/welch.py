@@ -210,7 +210,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     data, L = data.on(usable), len(segments.window)
     G = _response(data, spec.method)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, L)
-    covariance, total, C_V = _covariances(data, G, segments)
+    covariance, total, beta, C_V = _covariances(data, G, segments)
     quality = _quality(freq_hz, data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
@@ -226,7 +226,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     response = measured_response(
         first, spec.quantity, freq_hz, G, noise=covariance, total=total, quality=quality, notes=tuple(notes)
     )
-    return replace(response, correlated_lines=segments.correlated_lines)
+    return replace(response, correlated_lines=segments.correlated_lines, leakage=beta)
 
 
 def _response(data: CrossSpectra, method: str) -> ComplexArray:
@@ -254,8 +254,8 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
 
 def _covariances(
     data: CrossSpectra, G: ComplexArray, segments: Segments
-) -> tuple[Covariance, Covariance, ComplexArray]:
-    """Covariance of vec G from the residual, with leakage, and that of one segment's V = Y - G U (F, n_y, n_y)."""
+) -> tuple[Covariance, Covariance, ComplexArray, ComplexArray]:
+    """Covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U."""
     dof = data.K_e - G.shape[2]
     cross = data.yu @ adjoint(G)
     S_V = data.yy - cross - adjoint(cross) + G @ data.uu @ adjoint(G)
@@ -265,8 +265,9 @@ def _covariances(
     inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     left = transposed(inverse) * (data.K / data.K_e)
     noise = kronecker(left, C_V, dof)
-    beta = _leakage(G, noise.variance, segments) / np.sqrt(G.shape[2] * power(left))[:, None, :]
-    return noise, kronecker(left, C_V + beta @ adjoint(beta), dof), C_V
+    beta = _leakage(G, noise.variance, segments)
+    scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
+    return noise, kronecker(left, C_V + scaled @ adjoint(scaled), dof), beta, C_V
 
 
 def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
