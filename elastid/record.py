@@ -60,11 +60,12 @@ class HeldTorque:
 class Configuration:
     """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name.
 
-    Of a structure without joints: one of its states, with no angles.
+    Of a structure without joints: one of its states, with no angles.  carries: the payload of the robot, if it has one.
     """
 
     name: str
     angles: FloatArray = labelled("angle of the driven joints", "rad")
+    carries: bool = True
 
     def __post_init__(self) -> None:
         """A single angle is one of one joint; refuse angles that are not finite."""

@@ -158,6 +158,7 @@ class FrequencyResponse:
     each input, of which the size is known, each times a factor of unit variance for all lines: some that all
     configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
     errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
+    leakage (F, n_y, n_u): error of G by the windows of segments to first order, of which `total` holds the square.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -182,6 +183,9 @@ class FrequencyResponse:
     )
     correlated_lines: float = 1.0
     hold: HeldTorque | None = None
+    leakage: ComplexArray | None = labelled(
+        "error by leakage of windows, to first order", "{unit}", "freq_hz outputs inputs", default=None
+    )
 
     def __post_init__(self) -> None:
         """Check names and arrays."""
@@ -271,6 +275,7 @@ class FrequencyResponse:
             distortion=cut(self.distortion),
             quality=None if self.quality is None else self.quality.lines(keep),
             bias=None if self.bias is None else self.bias[:, :, keep],
+            leakage=None if self.leakage is None else self.leakage[keep],
         )
 
     def to_control(self) -> Any:
@@ -330,6 +335,7 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
         distortion=scaled(response.distortion, power),
         quality=None,  # it belongs to the outputs as they were measured
         bias=None if response.bias is None else gain * response.bias,
+        leakage=None if response.leakage is None else gain * response.leakage,
     )
 
 

@@ -130,12 +130,13 @@ def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[fl
 
 
 def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
-    """Pairs at the same angles and through the same channels."""
+    """Pairs at the same angles, with the same payload and through the same channels."""
     angles = np.array([response.configuration.angles for response in responses])
     same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
     for i, j in np.argwhere(np.triu(same, 1)):
         first, second = responses[i], responses[j]
-        if (first.inputs, first.outputs) == (second.inputs, second.outputs):
+        has_one_load = first.configuration.carries == second.configuration.carries
+        if has_one_load and (first.inputs, first.outputs) == (second.inputs, second.outputs):
             yield first, second
 
 

@@ -11,10 +11,10 @@ each line with input power, relative to |G|,
 and the mean of the roots of epsilon, squared, is the error of the candidate: in their mean square lines beyond the
 excited band would outweigh all others, while their geometric mean would forgive a lost antiresonance.
 
-beta is for segments alone, whose bias by leakage and by noise in a loop is in no variance: Delta is the difference to
-the local rational method, whose model holds the start from rest, and whose variance sigma_l^2 holds the error of its
-model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <> is a mean over neighbouring lines.
-A mean over periods has a transient in its scatter.
+beta is for segments alone: sigma^2, their noise, lacks the bias by leakage, a start from rest and noise in a loop.
+Delta is the difference to the local rational method, whose model holds the start from rest, and whose variance
+sigma_l^2 holds the error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <>
+is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ def stated_errors(response: FrequencyResponse, local: FrequencyResponse, has_bia
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
     G, variance_l = _interpolated(local, response.freq_hz, response.G), _variance(local)
-    variance = _interpolated(local, response.freq_hz, _variance(response)).real
+    own = response.noise.variance if has_bias and response.noise is not None else _variance(response)
+    variance = _interpolated(local, response.freq_hz, own).real
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)

@@ -8,7 +8,8 @@ The pole :math:`z + \omega_0 = \omega_n (\sqrt{1 - \zeta^2} + j \zeta)` is found
 with the polynomials projected out); these take up the other modes. The window is a few half-power widths, and ends half
 way to the next peaks. The variance of the pole is that of the response or that of the residuals from line to line (each
 over the part that the polynomials leave free), whichever is larger: elements of one line have noise in common, and a
-model that does not fit shows in the residuals alone.
+model that does not fit shows in the residuals alone.  Leakage of windows flattens a peak on all of its lines at once,
+so that the change of the pole by all of it is added.
 """
 
 from __future__ import annotations
@@ -195,8 +196,16 @@ def _pole(
     by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, LIMITS.free_share), axis=0)) ** 2
     share = np.sum(np.abs(slopes) ** 2, axis=0) / power
     scattered = float(np.sum(by_line / np.maximum(1 - share, LIMITS.free_share))) / power**2
-    variance_of_z = float(max(stated, scattered) * scale**2)
+    # Leakage has one sign in a window: it moves the pole as a whole, and not along one part alone.
+    leaked = 0.0 if response.leakage is None else 2 * _moved(response.leakage[window], weights, slopes, power)
+    variance_of_z = float((max(stated, scattered) + leaked) * scale**2)
     return center + scale * z, variance_of_z, float(np.sqrt(misfit)) if known else np.nan
+
+
+def _moved(error: ComplexArray, weights: FloatArray, slopes: ComplexArray, power: float) -> float:
+    """|dz|^2 by an error of G (K, n_y, n_u)."""
+    weighted = (weights * error.reshape(weights.shape)).T[:, :, None]
+    return float(np.abs(np.vdot(slopes, weighted) / power) ** 2)
 
 
 def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> FloatArray:

@@ -10,8 +10,14 @@ and Hv by total least squares of each output.  The residual gives the covariance
           \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
 
 where K_e independent segments would inform as much as the K that overlap (Welch, IEEE Trans. Audio Electroacoust. 15,
-1967).  A segment has no model of leakage: a resonance narrower than its resolution is flattened, beyond its variance.
-(Bendat and Piersol, Random Data, 4th ed., sections 9.2 and 11.5.)
+1967).  That is `noise`.  A segment has no model of leakage: its window smooths the cross spectra over lines,
+
+.. math:: E[S_{yu}(f)] = \int |W(f - \nu)|^2\, H(\nu)\, S_{uu}(\nu)\, d\nu, \qquad
+          \beta_k = \sum_l \frac{|W_l|^2}{\sum_m |W_m|^2} H_{k+l} - H_k
+
+so that resonances are flattened by beta, 1/6 of the second difference of H under Hann's window.  `total` holds the
+square of beta, less the part that noise makes of it.  A resonance narrower than a few lines is flattened beyond that,
+and what a boxcar leaks lies between the lines.  (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
 from __future__ import annotations
@@ -36,6 +42,8 @@ from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
+# Of a window's power on its middle line: lines with less of it leak nothing that counts.
+_LEAST_LEAKAGE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,17 @@ class Segments:
         """
         power = self.window**2
         return float(len(power) * np.sum(power**2) / np.sum(power) ** 2)
+
+    @property
+    def leakage(self) -> tuple[FloatArray, float]:
+        """Weights (2 m + 1,) of neighbouring lines in beta, and variance of beta by noise over that of H."""
+        power = np.abs(rfft(self.window)) ** 2
+        m = min(int(np.flatnonzero(power > _LEAST_LEAKAGE * power[0])[-1]), len(power) // 4)
+        kernel = np.concatenate([power[m:0:-1], power[: m + 1]])
+        weights = kernel / kernel.sum() - (np.arange(2 * m + 1) == m)
+        correlation = np.abs(rfft(self.window**2) / np.sum(self.window**2))[: 2 * m + 1] ** 2
+        lags = np.arange(2 * m + 1)
+        return weights, float(weights @ correlation[np.abs(lags[:, None] - lags)] @ weights)
 
     def independent(self, n_samples: int) -> float:
         r"""K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
@@ -180,7 +199,8 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
     """G (F, n_y, n_u) of one configuration by h1, h2 or hv, with coherences, from all segments of its records.
 
-    noise and total are the same: segments do not separate noise from distortion.  Lines are those of a segment.
+    noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
+    segment.
 
     Raises DataError where the records are shorter than a segment, hold too few, or do not separate the inputs.
     """
@@ -197,7 +217,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         )
     data, L = data.on(usable), len(segments.window)
     G = _response(data, spec.method)
-    covariance, C_V = _covariance(data, G)
+    covariance, total, beta, C_V = _covariances(data, G, segments)
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
@@ -213,9 +233,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     modes = local_modes(data.freq_hz, G, covariance.variance / 4)
     notes += together_notes(quality, "excite each with its own noise") + segment_notes(modes, data.freq_hz, first)
     response = measured_response(
-        first, spec.quantity, data.freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
+        first, spec.quantity, data.freq_hz, G, noise=covariance, total=total, quality=quality, notes=tuple(notes)
     )
-    return replace(response, correlated_lines=segments.correlated_lines)
+    return replace(response, correlated_lines=segments.correlated_lines, leakage=beta)
 
 
 def _response(data: CrossSpectra, method: str) -> ComplexArray:
@@ -241,8 +261,10 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
         raise DataError(f"estimator.method {why}; take h1") from error
 
 
-def _covariance(data: CrossSpectra, G: ComplexArray) -> tuple[Covariance, ComplexArray]:
-    """Covariance of vec G from the residual, and that of one segment's V = Y - G U (F, n_y, n_y)."""
+def _covariances(
+    data: CrossSpectra, G: ComplexArray, segments: Segments
+) -> tuple[Covariance, Covariance, ComplexArray, ComplexArray]:
+    """Covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U."""
     dof = data.K_e - G.shape[2]
     cross = data.yu @ adjoint(G)
     S_V = data.yy - cross - adjoint(cross) + G @ data.uu @ adjoint(G)
@@ -251,7 +273,22 @@ def _covariance(data: CrossSpectra, G: ComplexArray) -> tuple[Covariance, Comple
     C_V = S_V * (data.K_e / data.K / dof)
     inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     left = transposed(inverse) * (data.K / data.K_e)
-    return kronecker(left, C_V, dof), C_V
+    noise = kronecker(left, C_V, dof)
+    beta = _leakage(G, noise.variance, segments)
+    scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
+    return noise, kronecker(left, C_V + scaled @ adjoint(scaled), dof), beta, C_V
+
+
+def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
+    """beta (F, n_y, n_u) of G, as large as its mean square without what noise of that variance makes of it."""
+    weights, noise = segments.leakage
+    F, m = len(G), len(weights) // 2
+    if m >= F:
+        return np.zeros_like(G)
+    lines = np.pad(G, ((m, m), (0, 0), (0, 0)), "reflect", reflect_type="odd")
+    beta = np.sum([weight * lines[i : i + F] for i, weight in enumerate(weights)], axis=0)
+    share = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
+    return np.asarray(beta * np.sqrt(np.maximum(share, 0.0)))
 
 
 def _input_power(data: CrossSpectra) -> FloatArray:

@@ -30,6 +30,7 @@ from scipy.signal import welch
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
+from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
@@ -49,7 +50,6 @@ class RestLimits:
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
     min_lines: int = 8  # of the torque that stand out of noise
     segments: int = 16  # of noise, before overlap
-    correlated_lines: float = 1.94  # of noise, by Hann's window
     min_power: float = 0.01  # of the highest: lines of noise below are not excited
 
 
@@ -101,8 +101,9 @@ def fit_at_rest(
     n = model.n_common
     own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
     ((sigma_0, per_bend, sigma_1),) = model.bristles(shared.x).tolist()
-    std, scale = np.sqrt(np.diag(shared.covariance)), np.array([sigma_0, model.damping_unit])
-    covariance = shared.covariance[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    scattered = model.covariance(shared)
+    std, scale = np.sqrt(np.diag(scattered)), np.array([sigma_0, model.damping_unit])
+    covariance = scattered[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
     covariance = covariance + np.diag([0.0, viscous[1] ** 2])
     slip = float(shared.x[n + 1])
     break_away = sigma_0 / per_bend if slip > REST.min_slip_stds * std[n + 1] else None
@@ -152,7 +153,7 @@ class _Model:
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
         Z = 1 / first.G - (0 if self.joint is None else reaction(omega, self.joint))
-        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance + (REST.expansion_error * np.abs(first.G)) ** 2)
+        weight = np.abs(first.G) ** 2 / np.sqrt(total_variance(first))
         A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + self.n_common]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
@@ -162,7 +163,7 @@ class _Model:
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def fit(self, start: FloatArray, place: str) -> Optimum:
-        """The optimum from a start; the covariance is that of the residuals where they exceed the noise."""
+        """The optimum from a start."""
         if len(self._residual(start)) < len(start):
             raise FitError(
                 f"{place} at rest: fewer lines than unknowns stand out of the noise; raise the torque, or excite more "
@@ -176,9 +177,15 @@ class _Model:
             )
         return end
 
+    def covariance(self, fit: Optimum) -> FloatArray:
+        """Of x, as the residuals scatter: variances from a few periods make good weights, and poor intervals."""
+        expansion = [np.tile(expansion_variance(response) / total_variance(response), 2) for response in self.responses]
+        correlated = [np.full(2 * len(response.G), response.correlated_lines) for response in self.responses]
+        return fit.scattered_covariance(np.concatenate(correlated), np.concatenate(expansion))
+
     def points(self, fit: Optimum) -> tuple[RestPoint, ...]:
         """Spring and damper at each amplitude, from a fit with bristles of its own."""
-        points, stds = [], np.sqrt(np.diag(fit.covariance))[self.n_common :].reshape(-1, 3)
+        points, stds = [], np.sqrt(np.diag(self.covariance(fit)))[self.n_common :].reshape(-1, 3)
         for response, bristles, std in zip(self.responses, self.bristles(fit.x), stds, strict=True):
             stiffness = bristles[0] * (1 - second_order(response, bristles[1]))
             damping_std = self.damping_unit * std[2]
@@ -188,10 +195,20 @@ class _Model:
     def _residual(self, x: FloatArray) -> FloatArray:
         left = []
         for i, response in enumerate(self.responses):
-            std = np.sqrt((response.variance + (REST.expansion_error * np.abs(response.G)) ** 2) / 2)
+            std = np.sqrt(total_variance(response) / 2)
             error = (response.G - self.receptance(x, i)) / std
             left += [error.real, error.imag]
         return np.concatenate(left)
+
+
+def expansion_variance(response: RestResponse) -> FloatArray:
+    """Of G (F,) by the expansion over amplitude."""
+    return (REST.expansion_error * np.abs(response.G)) ** 2
+
+
+def total_variance(response: RestResponse) -> FloatArray:
+    """Of G (F,) by noise and expansion."""
+    return response.variance + expansion_variance(response)
 
 
 def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
@@ -242,6 +259,7 @@ def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) 
 class RestResponse:
     """Receptance G (F,), rad/Nm at freq_hz (F,), with the variance E|dG|^2 (F,) by noise, at one amplitude.
 
+    The variance is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
     torque: peak, Nm.  rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
     """
 
@@ -251,6 +269,7 @@ class RestResponse:
     torque: float
     rms_position: float
     rms_velocity: float
+    correlated_lines: float = 1.0
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
@@ -258,7 +277,8 @@ class RestResponse:
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
-        first, periodic = records[0], [_as_record(record, i) for i, record in enumerate(records)]
+        first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
+        periodic = [_as_record(record, i, posture) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
         if not reach > REST.min_counts * first.resolution:
             raise DataError(
@@ -277,8 +297,9 @@ class RestResponse:
         lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
         position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
         peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
-        variance = G.noise.variance[:, 0, 0] * (1.0 if periodic[0].is_periodic else REST.correlated_lines)
-        return cls(G.freq_hz, G.G[:, 0, 0], variance, peak, position, velocity)
+        smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
+        variance = smooth * G.correlated_lines
+        return cls(G.freq_hz, G.G[:, 0, 0], variance, peak, position, velocity, G.correlated_lines)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
@@ -293,10 +314,11 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
     return tuple(RestResponse.of(group) for group in groups)
 
 
-def _as_record(record: FrictionRecord, realisation: int) -> Record:
+def _as_record(record: FrictionRecord, realisation: int, posture: Configuration) -> Record:
+    """posture: of all logs of one amplitude, whose mean angles differ by what the joint creeps."""
     place, period = (f"motor {record.joint}",), record.period_samples
     return Record(
-        record.name, record.configuration or Configuration(record.name, np.zeros(1)), realisation, 0, record.rate_hz,
+        record.name, posture, realisation, 0, record.rate_hz,
         period or len(record.torque), place, place, ("position",), record.torque[:, None], record.position[:, None],
         is_periodic=period is not None, hold=record.hold, sliding=place if record.slides else (),
     )  # fmt: skip

@@ -46,11 +46,12 @@ RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class Optimum:
-    """Unknowns x (n,) of the least sum of squares `cost` of m residuals, whose Jacobian there is J (m, n)."""
+    """Unknowns x (n,) of the least sum of squares `cost` of residuals, which there are r (m,), of Jacobian J (m, n)."""
 
     x: FloatArray
     cost: float
     J: FloatArray
+    r: FloatArray
 
     @property
     def dof(self) -> int:
@@ -70,6 +71,20 @@ class Optimum:
         """Of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
 
+    def scattered_covariance(self, correlated: FloatArray, least: FloatArray) -> FloatArray:
+        r"""Of x (n, n), whatever the variances of the residuals: each correlated with c (m,), of v (m,) at least.
+
+        .. math:: A^{-1} J^T \mathrm{diag}\left(\max\left(\frac{c\, r^2}{(1 - h)^2}, v\right)\right) J A^{-1},
+                  \quad A = J^T J, \quad h = \mathrm{diag}(J A^{-1} J^T)
+
+        (HC3 of MacKinnon and White, J. Econometrics 29, 1985.)
+        """
+        J, inverse = self.J, inverse_normal(self.J)
+        leverage = np.minimum(np.sum((J @ inverse) * J, axis=1), 1 - 1e-9)
+        variance = np.maximum(correlated * (self.r / (1 - leverage)) ** 2, least)
+        influence = inverse @ J.T
+        return np.asarray((influence * variance) @ influence.T)
+
 
 def minimise(
     residual: Callable[[FloatArray], FloatArray], starts: Iterable[FloatArray], **settings: Any
@@ -81,7 +96,7 @@ def minimise(
             end = least_squares(residual, start, **settings)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        ends.append(Optimum(end.x, 2 * float(end.cost), end.jac))
+        ends.append(Optimum(end.x, 2 * float(end.cost), end.jac, end.fun))
     return tuple(ends)
 
 

@@ -86,8 +86,10 @@ class WarmUpLimits:
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
     closest: float = 0.9  # ratio of two time constants at most
     max_log_std: float = 0.3  # of a time constant: a warm-up with a wider one was too short
-    # Of the smaller node in readings or levels: below, it is what a parabola misses of the law.
+    # Of the smaller node in readings or levels: below, it is what a parabola misses of the law, unless the readings
+    # themselves, rms over their rise, are as far from a single node.
     min_share: float = 0.1
+    min_apart: float = 0.01
     parabola: float = 0.01  # of a level, which a parabola over the heat may miss
 
 
@@ -182,7 +184,18 @@ def _fitted(problem: _Problem) -> ThermalModel:
         return single
     chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof)
     smaller = max(float(np.abs(shares).min()) for shares in (double.shares, double.level_shares))
-    return double if chance < FALSE_ALARM and smaller > LIMITS.min_share else single
+    apart = _apart(problem.warm_up, single, double)
+    matters = smaller > LIMITS.min_share or apart > LIMITS.min_apart
+    return double if chance < FALSE_ALARM and matters else single
+
+
+def _apart(warm_up: WarmUp, single: ThermalModel, double: ThermalModel) -> float:
+    """Difference of two models where a thermometer was read, rms over the rise of its readings; 0 without any."""
+    read = np.isfinite(warm_up.readings)
+    if not read.any():
+        return 0.0
+    difference = (double.temperature(warm_up) - single.temperature(warm_up))[read]
+    return float(np.sqrt(np.mean(difference**2)) / max(np.ptp(warm_up.readings[read]), 1e-9))
 
 
 @dataclass(frozen=True)

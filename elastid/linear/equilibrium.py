@@ -59,7 +59,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
     StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.
     """
-    free = free_coordinates(model)
+    free, theta = free_coordinates(model), model.carried(theta, configuration.carries)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
     now = _balance(model, theta, q, free)

@@ -236,9 +236,9 @@ class Linearisation:
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
     ) -> LinearModel:
         """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
-        model = self.model
+        model, names, theta_ref = self.model, (*self.model.parameters, DELAY), np.append(theta, 0.0)
         check_theta(theta, model.parameters)
-        point = equilibrium(model, theta, configuration)
+        point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.carries)
         triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (column[_places(model.n_q)] for column in triangles.full().T)
         # With its zeros; the numbers of a sparse one alone leave CasADi sooner.
@@ -252,7 +252,8 @@ class Linearisation:
             moved = self.point.at(point, theta, K, Z, tuple(outputs))
             held = _slopes(model, slopes + moved.triangles, Z)
             of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
-        names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
+        absent = () if configuration.carries else model.of_payload
+        of_name = {name: slope for name, slope in of_name.items() if name not in absent}
         places = model.inputs, tuple(outputs), quantity
         M, D, K = (_projected(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z

@@ -105,6 +105,16 @@ class ElasticModel:
         """The coordinates and lengths among the parameters."""
         return tuple(name for name in self.parameters if name in self.robot.geometry)
 
+    @cached_property
+    def of_payload(self) -> tuple[str, ...]:
+        """Parameters of the payload alone; mass and inertia make it what it is."""
+        return tuple(name for name in self.parameters if self.robot.payload and name in self.robot.payload.numbers)
+
+    def carried(self, theta: FloatArray, carries: bool) -> FloatArray:
+        """theta (n_theta,), with a payload of neither mass nor inertia unless the robot carries it."""
+        absent = () if carries else [self.parameters.index(name) for name in self.of_payload]
+        return np.where(np.isin(np.arange(len(theta)), absent), 0.0, theta)
+
     def robot_at(self, theta: FloatArray) -> Robot:
         """The robot with the geometry of theta (n_theta,); StudyError where no robot has it."""
         if not self.geometry:

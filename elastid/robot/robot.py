@@ -184,6 +184,10 @@ class Robot:
             raise ValueError(f"payload: it is at {place}, which is no frame and no body; there are {', '.join(seats)}")
         return (*self.bodies, self.payload.body(*seats[place]))
 
+    def carrying(self, carries: bool) -> Robot:
+        """The robot with its payload, or without it."""
+        return self if carries or self.payload is None else replace(self, payload=None)
+
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """All joints, in the order of the tree: the link coordinates q_l."""

@@ -14,13 +14,19 @@ widest of the candidates (spacing of the lines times those that are correlated):
 with G_estimated interpolated between its lines, so that an antiresonance between two lines is lost.  Bands are averaged
 by the geometric mean, the squared mean root and the root mean square; by each of them the error of auto, in the median
 over draws, is at most 1.5 times that of the best candidate.  Its CPU time is at most 3 times that of the chosen method
-and 0.2 s for a preview.  The last line is one JSON object.
+and 0.2 s for a preview.
+
+Coverage of H1: share of the lines with a thousandth of the highest input power, at 30 and 50 dB, whose 95 % regions
+hold the truth, by the coherence alone (`noise`) and with the leakage of windows (`total`): noise 94 -> 95 %, hammer 94
+-> 96, binary 93 -> 95; with a start from rest or single sines in each segment chirp 68 -> 89, sweep 82 -> 90, three
+repeats 74 -> 79, stepped sine 75 -> 80; with noise in the loop 89 -> 90.  The last line is one JSON object.
 """
 
 import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
@@ -37,6 +43,14 @@ RATE_HZ = 100.0
 BAND_HZ = (0.6, 38.0)
 PERIOD = 1024
 METHODS = ("arithmetic", "h1", "h2", "hv", "joint", "local_polynomial", "local_rational")
+# Of H1 where it has errors that are no leakage: starts from rest, single sines, noise in the loop.
+MIN_COVERAGE = {
+    "chirp": 0.87,
+    "sweep from rest": 0.88,
+    "three repeats": 0.75,
+    "stepped sine": 0.77,
+    "operating closed loop": 0.87,
+}
 MAX_RATIO, MAX_CPU_RATIO, PREVIEW_S = 1.5, 3.0, 0.2
 
 
@@ -197,6 +211,22 @@ def errors_of(response: FrequencyResponse, width_hz: float) -> FloatArray:
     return np.array([np.exp(np.mean(np.log(error))), np.mean(np.sqrt(error)) ** 2, np.sqrt(np.mean(error**2))])
 
 
+def h1_coverage(kind: str, draws: int) -> dict[str, float]:
+    """Shares of lines whose 95 % regions by `noise` and by `total` hold the truth."""
+    holds: dict[str, list[float]] = {"noise": [], "total": []}
+    for snr_db in (30.0, 50.0):
+        for seed in range(draws):
+            records = KINDS[kind](snr_db, np.random.default_rng(seed))
+            response = estimate(records, EstimatorSpec(method="h1", quantity="velocity", band_hz=BAND_HZ))
+            assert response.quality is not None
+            power = response.quality.input_singular_values[:, 0] ** 2
+            square = np.abs(response.G[:, 0, 0] - AXIS.G(response.freq_hz)) ** 2
+            for name, shares in holds.items():
+                inside = square < -np.log(0.05) * getattr(response, name).variance[:, 0, 0]
+                shares.append(float(np.mean(inside[power > 1e-3 * power.max()])))
+    return {name: round(float(np.mean(shares)), 3) for name, shares in holds.items()}
+
+
 def draw(kind: str, snr_db: float, seed: int) -> tuple[dict[str, FloatArray], dict[str, float], str]:
     """Errors and CPU time of each method in one draw, and the method that auto took."""
     results = estimates(KINDS[kind](snr_db, np.random.default_rng(seed)))
@@ -212,7 +242,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one draw at 30 dB")
     quick = parser.parse_args().quick
     estimate(periodic(30.0, np.random.default_rng(0)), EstimatorSpec(method="h1"))  # loads what is slow to load
-    table = {}
+    table: dict[str, Any] = {}
     for kind in KINDS:
         for snr_db in (30.0,) if quick else (10.0, 30.0, 50.0):
             draws = [draw(kind, snr_db, seed) for seed in range(1 if quick else 3)]
@@ -225,6 +255,12 @@ def main() -> None:
             for _, cpu, choice in draws:
                 assert cpu["auto"] <= MAX_CPU_RATIO * cpu[choice] + PREVIEW_S, (kind, snr_db, choice)
             table[f"{kind}, {snr_db:g} dB"] = {"ratios": ratios.round(3).tolist(), "taken": taken}
+    for kind in list(KINDS)[2:]:  # without a period
+        coverage = h1_coverage(kind, 1 if quick else 4)
+        print(f"{kind:<26}h1 holds the truth: {coverage}", flush=True)
+        assert coverage["total"] >= coverage["noise"], kind
+        assert quick or coverage["total"] > MIN_COVERAGE.get(kind, 0.93), (kind, coverage)
+        table[f"{kind}, h1"] = coverage
     print(json.dumps(table))
 
 

@@ -10,9 +10,10 @@ hours, error over the second of the temperature over its rise and of the gear's 
 none of which these logs deserve.  Cost: CPU seconds of 720 000 samples from the file to the thermal model.  The last
 line is one JSON object.
 
-Multisine of 6 periods, 40 draws: sigma_0 0.48 %, sigma_1 2.1 % rms, coverage 85 and 95 +- 5 %: a variance from five
-periods makes weights that the intervals take for exact.  Warm-up, 12 rigs: temperature within 0.25 %, level within 0.35
-%, no note and no refusal.  Cost: 2.2 CPU seconds.
+Multisine of 6 periods, 100 draws: sigma_0 0.41 %, sigma_1 2.2 % rms, coverage 96 and 94 +- 3 % (its bias is 0.3 to
+0.7 %).  Noise of 30 s: 0.26 and 1.4 % rms, coverage 97 and 89 +- 3 %: the bias of 0.7 % in sigma_1 is half a std
+there.  Loops: 0.15 and 1.1 % rms.  Warm-up, 30 rigs: temperature within 0.15 %, level within 0.35 %, no note and no
+refusal.  Cost: 2 CPU seconds.
 """
 
 from __future__ import annotations
@@ -178,12 +179,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results["alarms"] = [alarm for half in halves for alarm in half["alarms"]]
     print(json.dumps(results))
     assert results["cpu_s_720000"] < 60
-    assert results["temperature_percent"][1] < 1
-    assert results["level_percent"][1] < 1
+    assert results["temperature_percent"][1] < 0.3
+    assert results["level_percent"][1] < 0.5
     assert not results["alarms"]
     for kind in ("multisine", "noise"):
         assert max(results[kind]["rms_percent"]) < 5, results[kind]
-        assert options.quick or min(results[kind]["coverage"]) > 0.8, results[kind]
+        assert options.quick or min(results[kind]["coverage"]) > (0.9 if kind == "multisine" else 0.82), results[kind]
 
 
 def quantile(values: Sequence[float], part: float) -> float:

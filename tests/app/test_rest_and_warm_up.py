@@ -186,6 +186,18 @@ def test_nothing_that_moves_at_rest_and_loops_without_a_way_back_are_refused(tmp
         run_all(study(tmp_path, "{path: loops.csv, purpose: loops}"))
 
 
+def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
+    """Two multisines of one peak, between which the joint has crept, are one response."""
+    rng = np.random.default_rng(3)
+    for name in ("a", "b"):
+        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", lugre_rig.multisine(1.5, rng), rng)
+    files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("a", "b")]
+    (joint,) = result_of(study(tmp_path, *files)).joints
+    assert joint.at_rest is not None
+    assert joint.at_rest is not None
+    assert len(joint.at_rest.points) == 1
+
+
 @pytest.mark.parametrize(
     ("file", "words"),
     [

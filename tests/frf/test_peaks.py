@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from elastid.experiment.simulated.structure import shake, true_modes, true_response
 from elastid.frf.estimate import estimate
@@ -87,3 +88,32 @@ def test_bumps_of_correlated_noise_are_no_peaks() -> None:
     assert response.noise is not None
     bumps = smooth * np.sqrt(response.noise.variance / np.mean(np.abs(smooth) ** 2))
     assert peaks(replace(response, G=bumps)) == ()
+
+
+MODES = ((8.0, 0.02), (17.0, 0.015), (31.0, 0.012), (48.0, 0.01), (70.0, 0.01))
+
+
+def shaken(seed: int) -> Record:
+    """A minute of random force on five modes at 200 Hz, and 1 % of noise on their motion."""
+    rng = np.random.default_rng(seed)
+    u, y = rng.normal(size=14_000), np.zeros(14_000)
+    for freq_hz, damping in MODES:
+        pole = np.exp(2 * np.pi * freq_hz / 200 * (1j * np.sqrt(1 - damping**2) - damping))
+        y += freq_hz * lfilter([0, pole.imag], [1, -2 * pole.real, abs(pole) ** 2], u)
+    u, y = u[2000:, None], y[2000:, None]
+    y += 0.01 * y.std() * rng.normal(size=y.shape)
+    return Record("a", BENCH, 0, 0, 200.0, len(u), ("1",), ("1",), ("velocity",), u, y, is_periodic=False)
+
+
+def test_dampings_by_segments_are_within_their_intervals() -> None:
+    """Five modes of a random shaker by H1, too large by leakage: all of 20, but for a few, with it and few without."""
+    held, without = [], []
+    for seed in range(4):
+        response = estimate([shaken(seed)], EstimatorSpec(method="h1", quantity="velocity"))
+        for inside, each in ((held, response), (without, replace(response, leakage=None, total=response.noise))):
+            dampings = {round(peak.freq_hz): peak for peak in peaks(each)}
+            for freq_hz, damping in MODES:
+                peak = next(peak for f, peak in dampings.items() if abs(f - freq_hz) <= 1)
+                inside.append(abs(peak.damping - damping) < 1.96 * peak.damping_std)
+    assert np.mean(held) >= 0.9
+    assert np.mean(without) < 0.4

@@ -67,7 +67,37 @@ def test_the_variance_is_that_of_the_coherence() -> None:
     np.testing.assert_allclose(
         response.noise.variance, np.abs(response.G) ** 2 * (1 - gamma2) / gamma2 / (K_e - 1), rtol=1e-9
     )
-    np.testing.assert_array_equal(response.total.variance, response.noise.variance)
+    assert np.all(response.total.variance >= response.noise.variance)
+
+
+def test_leakage_is_in_the_total_covariance() -> None:
+    """A resonance of 1 % at 30 Hz, four lines wide, from rest without noise: mean square over variance of its lines."""
+    pole = np.exp(2 * np.pi * 30 / RATE * (1j - 0.01))
+    A, squares = [1.0, -2 * pole.real, abs(pole) ** 2], list[tuple[float, float]]()
+    for seed in range(20):
+        record = noise_record(60_000, seed, n=1)
+        response = estimate([replace(record, y=lfilter([1.0], A, record.u, axis=0))], replace(H1, segment=6.4))
+        assert response.noise is not None
+        assert response.total is not None
+        near = np.abs(response.freq_hz - 30) < 0.3
+        z = np.exp(-2j * np.pi * response.freq_hz[near] / RATE)
+        error = np.abs(response.G[near, 0, 0] - 1 / (A[0] + A[1] * z + A[2] * z**2)) ** 2
+        stated = (response.noise.variance[near, 0, 0], response.total.variance[near, 0, 0])
+        squares.append((float(np.mean(error / stated[0])), float(np.mean(error / stated[1]))))
+    of_noise, of_total = np.mean(squares, axis=0)
+    assert of_noise > 5
+    assert 0.5 < of_total < 2
+
+
+def test_leakage_of_hann_is_a_sixth_of_the_second_difference_and_that_of_a_boxcar_is_none() -> None:
+    """Kernel |W|^2: 1/6, 2/3, 1/6; noise makes of it what correlated lines make of a second difference."""
+    hann = np.sin(np.pi * np.arange(256) / 256) ** 2
+    weights, noise = Segments(hann, 128).leakage
+    np.testing.assert_allclose(weights, np.array([1, -2, 1]) / 6, atol=1e-12)
+    assert noise == pytest.approx((6 - 8 * 4 / 9 + 2 / 36) / 36)
+    weights, noise = Segments(np.ones(256), 128).leakage
+    assert not weights.any()
+    assert noise == 0
 
 
 @pytest.mark.parametrize("window", ["hann", "boxcar"])

@@ -75,3 +75,21 @@ def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
         costs = [float(np.sum((y - X[:, :k] @ np.linalg.lstsq(X[:, :k], y, rcond=None)[0]) ** 2)) for k in (2, 3)]
         chances.append(chance_of_terms(*costs, 1, 37))
     assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
+
+
+def test_the_scattered_covariance_needs_no_variances() -> None:
+    """Weights wrong by factors up to three: the std of a slope is its spread over 300 draws to 5 %."""
+    rng = np.random.default_rng(5)
+    x, factor = np.linspace(-1.0, 1.0, 200), np.exp(np.linspace(-1.0, 1.0, 200))
+    ends = []
+    for _ in range(300):
+        y = factor * rng.standard_normal(200)
+        ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")  # type: ignore[misc]
+    spread = np.std([end.x[0] for end in ends])
+    none, correlated = np.zeros(200), np.ones(200)
+    stds = [np.sqrt(end.scattered_covariance(correlated, none)[0, 0]) for end in ends]
+    assert np.sqrt(np.mean(np.square(stds))) == pytest.approx(spread, rel=0.05)
+    assert np.sqrt(ends[0].covariance[0, 0]) != pytest.approx(spread, rel=0.2)
+    wide, floor = (ends[0].scattered_covariance(4 * correlated, none), ends[0].scattered_covariance(none, correlated))
+    assert wide[0, 0] == pytest.approx(4 * stds[0] ** 2)
+    np.testing.assert_allclose(floor, inverse_normal(ends[0].J))

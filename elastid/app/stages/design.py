@@ -85,7 +85,7 @@ def design(
 
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
     """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
-    return reference(plan, carrier, feed_forward_of(model_of(robot)), configuration)
+    return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.carries))), configuration)
 
 
 _Responses: TypeAlias = tuple[FrequencyResponse, ...]

@@ -247,7 +247,10 @@ def checked_configurations(experiment: ExperimentSpec, robot: Places) -> tuple[C
                     f"configuration {name}: joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
                     f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle"
                 )
-    return tuple(Configuration(name, np.array(angles)) for name, angles in experiment.configurations.items())
+    return tuple(
+        Configuration(name, np.array(angles), name not in experiment.without_payload)
+        for name, angles in experiment.configurations.items()
+    )
 
 
 def make_plan(

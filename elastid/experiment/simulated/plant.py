@@ -92,10 +92,10 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples))
 
 
-def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int) -> Plant:
-    """The plant of a section `simulated`, with its truth; samples: of the whole plan."""
+def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int, carries: bool = True) -> Plant:
+    """The plant of a section `simulated`, with its truth; samples: of the whole plan; carries: its payload."""
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-    robot = true_robot(robot, spec.truth)
+    robot = true_robot(robot, spec.truth).carrying(carries)
     return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples if spec.compiled else 0)
 
 
@@ -106,6 +106,7 @@ def exact_plant(
 
     StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
     """
+    robot = robot.carrying(start.carries)
     model = model_of(robot, equations)
     point = equilibrium(model, model.theta, start)
     rate = fastest_rate(model, contacts(model, frictions(robot)), point.q)

@@ -175,10 +175,11 @@ class SimulatedRig:
 
     def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
-        plant = true_plant(self.robot, spec, rate_hz, len(self.plan.experiments) * self.plan.run_samples)
-        point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
+        samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
+        plant = true_plant(self.robot, spec, rate_hz, samples, configuration.carries)
+        point = equilibrium(plant.model, plant.model.theta, configuration)
         check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
-        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), experiment.configuration)
+        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
         loop = spec.controller
         gains = tune(plant.model, point.q, loop.bandwidth_hz, loop.damping_ratio, loop.velocity_integral_time)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))

@@ -56,6 +56,9 @@ class ExperimentSpec:
     responses: Annotated[ResponsesSpec | None, Key("Frequency responses that another program has estimated.",
         "for FRFs with or without their uncertainty; records are to be preferred where they exist, since they show "
         "distortion and transients.")] = None
+    without_payload: Annotated[tuple[FileName, ...], Key("Names of the configurations in which the robot does not "
+        "carry the payload of its file.", "the same postures with and without a payload that was weighed "
+        "distinguish gains of the drives, `gain_u_motor_1`, from inertias and stiffnesses.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -33,7 +33,10 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Limits:
-    """Threshold of the ladder; false alarms, poles that fit mere noise: one in 100 lines."""
+    """Threshold of the ladder; poles that fit mere noise: one in 100 lines.
+
+    False alarms of 300 clean logs: local-false-peak 0.
+    """
 
     log_gain: float = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
 

@@ -72,7 +72,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the local methods.  False alarms of 300 clean logs: local-refused 0."""
+    """Thresholds of the local methods.  False alarms of 300 clean logs: local-refused 0, local-repeats-averaged 0."""
 
     dof: int = 6  # of a useful variance, at least: its standard deviation is then 40 %
     margin_dof: int = 2  # beyond the number of outputs

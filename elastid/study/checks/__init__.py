@@ -16,6 +16,7 @@ from elastid.study.checks.experiment import (
     check_estimator,
     check_excitation,
     check_lines,
+    check_payload,
     check_simulated,
     check_structure,
 )
@@ -48,6 +49,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         return
     yield from check_count(study)
     yield from check_configurations(study)
+    yield from check_payload(study)
     yield from check_estimator(study)
     yield from check_excitation(study)
     yield from check_design(study, base)

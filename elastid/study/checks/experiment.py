@@ -20,7 +20,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec, carrier_refusal, c
 from elastid.fit.parameter_choice import choose
 from elastid.robot import Joint, Robot
 from elastid.study.checks.fit import check_model
-from elastid.study.checks.names import check_place, check_units
+from elastid.study.checks.names import check_names, check_place, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -70,6 +70,14 @@ def check_configurations(study: Study) -> Iterator[Problem]:
         for i, (angle, joint, swing) in enumerate(zip(angles, robot.driven, swings, strict=True)):
             if refused := joint.refusal_of(angle) or _angle_refusal(angle, joint, swing):
                 yield Problem((*path, i), refused)
+
+
+def check_payload(study: Study) -> Iterator[Problem]:
+    """Configurations without a payload exist, and so does the payload."""
+    names, path = study.experiment.without_payload, ("experiment", "without_payload")
+    yield from check_names(path, "configuration", names, list(study.experiment.configurations))
+    if names and study.as_robot().payload is None:
+        yield Problem(path, "the robot's file has no payload; give it there, as weighed, or drop this key")
 
 
 def _swings(study: Study) -> list[float]:

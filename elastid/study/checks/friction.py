@@ -168,7 +168,10 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
         yield Problem(path, message)
     logged = sorted({channel.at for channel in recorded.channels if channel.role == "u"})
     if file.purpose in ("loops", "at_rest") and not file.joint and len(logged) > 1:
-        message = f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited"
+        message = (
+            f"{', '.join(logged)} are logged, and none moves much; give joint: the one that is excited, alone, since "
+            "each joint moves the others through the robot"
+        )
         yield Problem((*path, "purpose"), message)
     if file.ambient is not None and file.purpose != "warm_up":
         message = "the room's temperature is that of a warm-up; take temperature for that of the joint, or leave it out"

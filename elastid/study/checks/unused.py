@@ -53,6 +53,8 @@ UNUSED = (
            "estimator.transient_periods leaves periods out)"),
     Unused((*_LOGS, *_RESPONSES, "friction-recorded"), ("experiment.experiments",), "the experiment is {kind}: its "
            "files determine the number of experiments; drop this key"),
+    Unused((*_FRICTION, "frf", "frf-responses"), ("experiment.without_payload",), "it is of fits of elasticity; loads "
+           "of a study of friction are friction.loads: drop this key"),
     Unused(_FRICTION, ("experiment.responses",), "friction is found in motions, not in frequency responses; give logs "
            "(recorded) or simulated"),
     Unused(("simulated",), ("experiment.simulated.heat",), "it is of studies of friction; drop this key, or give "
