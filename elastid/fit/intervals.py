@@ -333,9 +333,10 @@ def choose_profiles(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
-    off, free = interval_errors(problem, x, variance, execution), problem.parameters.free_names
-    wanted = len(problem.parameters.wanted)
-    worst = sorted(np.flatnonzero(off[:wanted] > 0.1), key=lambda i: -off[i])
+    free, wanted = problem.parameters.free_names, len(problem.parameters.wanted)
+    asked = np.where(np.arange(len(x)) < wanted, variance, np.nan)
+    off = interval_errors(problem, x, asked, execution)
+    worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
