@@ -30,7 +30,7 @@ from elastid.fit.problem.weights import check_factors
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import measurements_that_help, release
+from elastid.fit.tolerances import has_tolerances, measurements_that_help, release
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -107,7 +107,7 @@ def _search(
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    if robot.tolerances is not None:
+    if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot)
     return assembly, fit, starts, hits
 

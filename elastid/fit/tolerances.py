@@ -26,7 +26,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.robot import BodyTolerances, Robot, Tolerances
-from elastid.robot.tolerances import kind_of
+from elastid.robot.tolerances import Exact, kind_of
 
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
@@ -100,7 +100,7 @@ class _Tolerance:
 
 
 def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
-    if robot.tolerances is None:
+    if not isinstance(robot.tolerances, Tolerances):
         return
     for name, (_, path) in (robot.numbers | robot.geometry).items():
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
@@ -109,6 +109,11 @@ def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
             yield _Tolerance(name, owner, kind_of(path), std, factor)
     if (std := robot.tolerances.torque_constant_std) > 0:
         yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+
+
+def has_tolerances(robot: Robot) -> bool:
+    """True if a number of the robot's file may be off."""
+    return any(True for _ in _tolerances(robot))
 
 
 def release(
@@ -157,12 +162,12 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
     return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
 
 
-def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | None:
+def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | Exact | None:
     """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
     """
-    if robot.tolerances is None or not result.has_tolerances:
+    if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
         return robot.tolerances
     deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
@@ -211,4 +216,5 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
 
 
 def _stated(parameter: Parameter, std: float) -> str:
-    return f"{parameter.name} known to {f'{100 * std:.2g} %' if parameter.log else f'{1e3 * std:.2g} mm'}"
+    is_length = parameter.unit == "m" and not parameter.log
+    return f"{parameter.name} known to {f'{1e3 * std:.2g} mm' if is_length else f'{100 * std:.2g} %'}"
