@@ -118,7 +118,8 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
-    covariance = estimate_uncertainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
+    responses, weights = [e.response for e in expected], [e.weights for e in expected]
+    covariance = estimate_uncertainty(fit, responses, weights, x, is_forecast=True).covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     blind, share = _blind(np.asarray(R), parameters, x)[:, :n], _share(fit, x, np.asarray(R))[..., :n]

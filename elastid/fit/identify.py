@@ -62,6 +62,12 @@ def identify(
     try:
         optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        if result.has_tolerances and evidence.result.status == "model_error":
+            # A gross fault bends the numbers of the file, too, and is named less surely from there.
+            held = replace(robot, tolerances=None)
+            return identify(
+                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters
+            )
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))

@@ -66,7 +66,7 @@ def with_tolerances(parameters: ParameterSet, robot: Robot) -> ParameterSet:
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
-        number = known.get(name, Parameter(name, value, unit, log=name.startswith("l_"), free=False))
+        number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         own = tolerances.get(name)
         if own is None or name in asked or (number.value == 0 and own.kind != "center_of_mass"):
             numbers += [number] * (name in known)
