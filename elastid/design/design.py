@@ -147,7 +147,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     x, fitted = settled.parameters.x, settled.fitted(plan)
-    known = with_tolerances(settled.parameters, settled.robot)
+    known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
     expected = forecast([prospect.expected(c, known.x, M) for prospect, c, M in within], known.x)
     notes = (

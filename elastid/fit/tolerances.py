@@ -18,12 +18,14 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
+from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
+from elastid.fit.spec import FitSpec
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.robot import BodyTolerances, Robot, Tolerances
 from elastid.robot.tolerances import Exact, kind_of
@@ -55,14 +57,16 @@ class ReleaseLimits:
 RELEASE = ReleaseLimits()
 
 
-def with_tolerances(parameters: ParameterSet, robot: Robot) -> ParameterSet:
+def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> ParameterSet:
     """The same with the numbers that it holds free within robot.tolerances; unchanged where all are exact.
 
-    Coordinates that are zero stay, but for centres of mass: an offset of an axis acts in second order.
+    What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
+    an offset of an axis acts in second order.
     """
     tolerances = {each.name: each for each in _tolerances(robot)}
     known = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    asked |= {n for key, own in spec.parameters.items() if own.fixed for n in matching(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
@@ -125,7 +129,7 @@ def release(
     study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
     rest end where they did, with the file's numbers.
     """
-    parameters, held = with_tolerances(assembly.parameters, robot), assembly.parameters.free_names
+    parameters, held = with_tolerances(assembly.parameters, robot, assembly.spec), assembly.parameters.free_names
     places = [parameters.free_names.index(name) for name in held]
 
     def widened(x: FloatArray) -> FloatArray:

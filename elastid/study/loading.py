@@ -99,7 +99,7 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
     return 0.0
 
 
-def with_tolerances(study: Study) -> Study:
+def with_usual_tolerances(study: Study) -> Study:
     """The study whose robot has the tolerances of its fit, where its file leaves them to the study.
 
     Common ones where responses are measured, of torque constants where they turn currents into torques.  A simulated
@@ -198,7 +198,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
         problems = [problem for problem in problems if not robot_errors or problem.path != ("robot",)]
         raise make_error(source, problems, robot_errors)
     study, unresolved = convert_to_si(study)
-    study = with_tolerances(study) if not unresolved else study
+    study = with_usual_tolerances(study) if not unresolved else study
     problems = [*check_study(study, path.parent), *unresolved]
     if problems := problems or list(check_lines(study)):
         raise make_error(source, problems)
