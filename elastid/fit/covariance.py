@@ -82,6 +82,8 @@ class Uncertainty:
     weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
     disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
+    repeated (n_x,): share of the variance that a repeated measurement has, the robot's file erring as before; 1 where
+    it is exact.
     """
 
     covariance: FloatArray
@@ -94,6 +96,7 @@ class Uncertainty:
     weakest: FloatArray
     disagreement: float
     shift: FloatArray
+    repeated: FloatArray
 
 
 def estimate_uncertainty(
@@ -130,12 +133,16 @@ def estimate_uncertainty(
     covariance[unreached, unreached] = np.inf
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
+    of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
+    scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
+    repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
     share, band_hz = information_shares(parts, A_inverse)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement(blocks, A_inverse)
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:

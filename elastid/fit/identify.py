@@ -148,6 +148,7 @@ def _estimate(
         informing_hz=uncertainty.informing_hz,
         weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts),
+        repeated=uncertainty.repeated,
     )
     return optimum, uncertainty, result
 

@@ -137,7 +137,7 @@ class FitResult:
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `Uncertainty`.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
 
@@ -168,6 +168,9 @@ class FitResult:
     cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
+    repeated: FloatArray = labelled(
+        "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
+    )
 
     def __post_init__(self) -> None:
         n_x = len(self.parameters.free)
@@ -253,6 +256,16 @@ class FitResult:
     def covariance_by_noise(self) -> FloatArray:
         """The part of `covariance` with the robot's file as exact as it is estimated (n_wanted, n_wanted)."""
         return covariance_by_noise(self.covariance, len(self.parameters.wanted))
+
+    @property
+    def std_repeated(self) -> dict[str, float]:
+        """Standard deviations of a measurement that is repeated, of each parameter that was asked for.
+
+        An error of the file moves each result alike: it is no part of differences between dates, and between robots of
+        one type.
+        """
+        n = len(self.parameters.wanted)
+        return self._part(np.diag(self.covariance)[:n] * (self.repeated[:n] if len(self.repeated) else 1.0))
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
         wanted, std = self.parameters.wanted, np.sqrt(np.maximum(variance, 0.0))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from elastid.fit.assembly import Assembly
-from elastid.fit.identify import identify
+from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.fit.tolerances import measurements_that_help, release, remaining_tolerances, with_tolerances
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -173,6 +173,19 @@ def test_the_bootstrap_draws_the_file_too() -> None:
     assert result.std_by_file["k_1"] > 5 * result.std_by_noise["k_1"]
     low, high = result.bootstrap95[result.parameters.free_names.index("k_1")]
     assert (high - low) / (4 * result.std["k_1"]) == pytest.approx(1, abs=0.3)
+
+
+@pytest.mark.slow
+def test_measurements_of_one_robot_scatter_less_than_its_file_is_off() -> None:
+    """Forty with torque constants known to 5 %: their scatter is that of a repeated measurement, to what 40 allow."""
+    robot, loose = off(arm(), np.random.default_rng(8)), replace(arm(), tolerances=Tolerances(torque_constant=0.05))
+    spec = replace(SPEC, starts=1, weights=WeightSpec(floor=0.0))
+    results = [fit_parameters(measure(robot, np.random.default_rng(seed)), loose, spec) for seed in range(40)]
+    for name in STIFF:
+        scatter = np.std([result.values[name] for result in results], ddof=1)
+        stated = np.mean([result.std_repeated[name] for result in results])
+        assert 0.7 < scatter / stated < 1.3, name
+    assert results[0].std_repeated["k_1"] < 0.3 * results[0].std["k_1"]
 
 
 @pytest.mark.slow
