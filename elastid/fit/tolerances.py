@@ -106,10 +106,12 @@ class _Tolerance:
 def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
     if not isinstance(robot.tolerances, Tolerances):
         return
+    values = robot.parameters()
     for name, (_, path) in (robot.numbers | robot.geometry).items():
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
         factor = f"I_{owner}" if path[-2] == "inertia" else ""
-        if (std := robot.tolerances.std(path, owner)) > 0:
+        is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
+        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass:
             yield _Tolerance(name, owner, kind_of(path), std, factor)
     if (std := robot.tolerances.torque_constant_std) > 0:
         yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))

@@ -129,6 +129,14 @@ def test_numbers_that_a_study_frees_or_fixes_itself_stay_as_it_says() -> None:
     assert "I_upper" in parameters.free_names
 
 
+def test_a_body_without_mass_has_no_centre_that_could_be_off() -> None:
+    """A rotor of a bench, of which the inertia alone is known."""
+    joint = Joint("1", "z", Spring(50, 0.01), Motor(1e-3, 1, 1e-3))
+    bench = Robot("bench", (Body("load", joints=(joint,), inertia=1e-3),), tolerances=Tolerances())
+    tolerated = {p.name for p in with_tolerances(choose(SPEC, bench), bench, SPEC) if p.tolerated}
+    assert tolerated == {"I_load", "Jm_1"}
+
+
 def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
     """From the study's own start, where V stays high at the end of the best start."""
     rng = np.random.default_rng(3)
