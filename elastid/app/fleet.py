@@ -36,7 +36,8 @@ COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 # Members that a message names.
 MAX_LISTED = 5
 
-# A parameter of a member, with its 95 % interval; std, low and high None where it was held.
+# A parameter of a member, with its 95 % interval; std, low and high None where it was held.  std_repeated: without the
+# part of the robot's file, whose error all members share.
 Row: TypeAlias = dict[str, Any]
 
 
@@ -147,15 +148,16 @@ def _rows(folder: Path, member: Member) -> Iterator[Row]:
         row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
         low, high = number.get("interval95") or (None, None)
         known = {"value": number["value"], "std": number.get("std"), "low": low, "high": high}
-        yield row | {"unit": number["unit"]} | known
+        yield row | {"unit": number["unit"]} | known | {"std_repeated": number.get("std_repeated", number.get("std"))}
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     """Numbers that were identified and can be relied on, their dates as days."""
+    known = [row for row in rows if row["std_repeated"] is not None and row["status"] in COMPARED]
+    days = [float(date.fromisoformat(row["date"]).toordinal()) for row in known]
     return tuple(
-        FleetValue(r["robot"], float(date.fromisoformat(r["date"]).toordinal()), r["parameter"], r["value"], r["std"])
-        for r in rows
-        if r["std"] is not None and r["status"] in COMPARED
+        FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_repeated"])
+        for row, day in zip(known, days, strict=True)
     )
 
 

@@ -10,6 +10,7 @@ from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.parameter_choice import choose
+from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import Parameter
 from elastid.robot import Robot
 from elastid.study import Study
@@ -90,6 +91,8 @@ def _unknowns(study: Study) -> Iterator[str]:
     yield from columns(rows)
     if ties := [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]:
         yield f"  tied: {', '.join(ties)}"
+    if more := len(with_tolerances(parameters, study.as_robot(), study.fit).free) - len(parameters.free):
+        yield f"  {_plural(more, 'number')} of the robot's file may move within tolerances (robot.tolerances)"
 
 
 def _prior(parameter: Parameter) -> str:

@@ -289,6 +289,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
 
 
 def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
+    repeated = result.std_repeated
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {
@@ -296,6 +297,7 @@ def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, di
             for name in ("truth", "contains", "by_noise", "by_file")
             if getattr(row, name) not in (None, "")
         }
+        | ({"std_repeated": json_value(repeated[row.name])} if result.has_tolerances else {})
         | {
             name: json_value(ends)
             for name in ("profile95", "bootstrap95")

@@ -82,6 +82,8 @@ class Uncertainty:
     weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
     disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
+    repeated (n_x,): share of the variance that a repeated measurement has, the robot's file erring as before; 1 where
+    it is exact.
     """
 
     covariance: FloatArray
@@ -94,6 +96,7 @@ class Uncertainty:
     weakest: FloatArray
     disagreement: float
     shift: FloatArray
+    repeated: FloatArray
 
 
 def estimate_uncertainty(
@@ -102,8 +105,9 @@ def estimate_uncertainty(
     weights: Sequence[Weights],
     x: FloatArray,
     execution: Execution | None = None,
+    is_forecast: bool = False,
 ) -> Uncertainty:
-    """The covariance of x (n_x,), the optimum of `fit`."""
+    """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be."""
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
@@ -120,20 +124,25 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
-    floor = _floor(parts, A_inverse, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
-    if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
+    cost = expected_cost if is_forecast else sum(part.cost for part in parts)
+    floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
+    if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
+    of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
+    scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
+    repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
     share, band_hz = information_shares(parts, A_inverse)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement(blocks, A_inverse)
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
@@ -191,7 +200,9 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
     return np.asarray(shape * np.outer(scale, scale))
 
 
-def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: float, cost_dof: float) -> FloatArray:
+def _floor(
+    parts: Sequence[LineSums], A_inverse: FloatArray, cost: float, expected_cost: float, cost_dof: float
+) -> FloatArray:
     """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
 
     s: the share of its power for which V leaves room above the noise and two standard deviations of V.
@@ -203,6 +214,6 @@ def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: floa
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
     power = sum(part.floor_power for part in parts)
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
-    room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
+    room = cost - expected_cost + 2 * deviation
     share = np.clip(room / power, 0.0, 1.0) if power else 0.0
     return np.asarray(share * (0.5 * (shifts @ shifts.conj().T).real))

@@ -160,6 +160,15 @@ def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixt
     assert tree(here) == {"mine/study.yml": b"precious"}
 
 
+def test_check_counts_numbers_of_the_file_that_may_move(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a log of a current the torque constant; none where the file is exact."""
+    assert cli.run_command(["new", "bench", "--template", "recorded"]) == 0
+    capsys.readouterr()
+    for said, options in ((True, []), (False, ["--set", "robot.tolerances=exact"])):
+        assert cli.run_command(["check", "bench/study.yml", *options]) == 0
+        assert ("1 number of the robot's file may move within tolerances" in capsys.readouterr().out) == said
+
+
 def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2; one line each on stderr."""
     tiny.write_text(tiny.read_text().replace("rate_hz", "rate_hs"))
