@@ -216,7 +216,8 @@ def _deviation(std: float, value: float) -> str:
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
     """Headings, then a line for each parameter: predicted std, the configuration that informs it most, correlation."""
-    rows = [["parameter", "unit", "nominal", "expected std", "most of it from", "most correlated with"]]
+    parts = ["by noise", "by file"] if len(forecast.noise) else []
+    rows = [["parameter", "unit", "nominal", *parts, "expected std", "most of it from", "most correlated with"]]
     by_configuration = forecast.share.sum(axis=1)
     for i, name in enumerate(forecast.parameters):
         relative, std = float(forecast.relative[i]), float(forecast.std[i])
@@ -225,7 +226,9 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
         best = int(by_configuration[:, i].argmax())
         other, correlation = forecast.strongest(name)
         source = f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %"
-        row = [name, forecast.units[i], number(float(forecast.nominal[i]))]
+        nominal = float(forecast.nominal[i])
+        row = [name, forecast.units[i], number(nominal)]
+        row += [_deviation(float(part[i]), nominal) for part in (forecast.std_by_noise, forecast.std_by_file) if parts]
         row += [known, source] if informed else ["not seen", "–"]
         rows.append([*row, f"{other} {correlation:+.2f}" if other else "–"])
     return rows

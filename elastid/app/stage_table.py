@@ -147,7 +147,9 @@ def _plain(paths: Iterable[str], folder: Path) -> NamedFiles:
     return {path: (folder / path,) for path in paths}
 
 
-PLAN = values("seed", "robot", "excitation", "experiment")
+# The robot and places of stages before the fit, which do not depend on tolerances.
+ROBOT, PLACES = Value("robot", without=("tolerances",)), Value("places", without=("tolerances",))
+PLAN = (*values("seed", "excitation", "experiment"), ROBOT)
 # The motions of a friction study do not depend on the law that is fitted to them; the design's advice does.
 MOTIONS = (*values("seed", "robot", "friction_joints", "experiment"), Value("friction", without=("law",)))
 # Keys of `fit` for its search and its intervals, which no plan depends on: a longer search needs no other plan.
@@ -180,21 +182,21 @@ STAGES = (
     ),
     Stage(
         "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate",
-        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
+        values=(*values("seed", "experiment"), ROBOT), sources=(DESIGN_PART,),
         help="Simulate the experiments or import the recorded logs: records.h5.",
     ),
     Stage(
         "measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs",
-        values=values("places", "experiment"), files=logs,
+        values=(*values("experiment"), PLACES), files=logs,
     ),
     Stage(
         "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
-        values=values("robot", "estimator"), sources=(DESIGN_PART, Source("measure")),
+        values=(*values("estimator"), ROBOT), sources=(DESIGN_PART, Source("measure")),
         help="Estimate the frequency responses with their covariance: frf.h5.",
     ),
     Stage(
         "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
-        values=values("robot", "places", "experiment", "estimator"), files=responses,
+        values=(*values("experiment", "estimator"), ROBOT, PLACES), files=responses,
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",

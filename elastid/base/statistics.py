@@ -70,3 +70,12 @@ def discoveries(p_values: FloatArray, rate: float) -> BoolArray:
     from scipy.stats import false_discovery_control  # slow to load, and seldom needed
 
     return np.asarray(false_discovery_control(p_values) <= rate)
+
+
+def correlation_of(covariance: FloatArray) -> FloatArray:
+    """Correlations (n, n) of a covariance (n, n); NaN off the diagonal where a variance is infinite or zero."""
+    std = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.asarray(covariance / np.outer(std, std))
+    np.fill_diagonal(correlation, 1.0)
+    return correlation

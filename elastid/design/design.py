@@ -31,6 +31,7 @@ from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.model.elastic import ElasticModel
@@ -146,7 +147,9 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     x, fitted = settled.parameters.x, settled.fitted(plan)
-    expected = forecast([prospect.expected(c, x, realisations) for prospect, c, realisations in fitted], x)
+    known = with_tolerances(settled.parameters, settled.robot, settled.fit)
+    within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
+    expected = forecast([prospect.expected(c, known.x, M) for prospect, c, M in within], known.x)
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,

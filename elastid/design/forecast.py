@@ -9,19 +9,21 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
+from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.design.prospect import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
+from elastid.fit.result import covariance_by_noise
 from elastid.parameters import ParameterSet
 
 
@@ -46,7 +48,8 @@ class Forecast:
     nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
     inf on the diagonal where a parameter is undetermined.  share (Q, F, n): of the information, summing to 1 for each
     parameter.  blind (n_b, n): undetermined directions, of length one.  configurations: those that the fit uses.
-    notes: to be read before the robot moves.  choice: how the configurations were chosen.
+    notes: to be read before the robot moves.  choice: how the configurations were chosen.  noise (n, n): the part of
+    covariance with the numbers of the robot's file known; without rows where the file is exact.
     """
 
     parameters: tuple[str, ...] = labelled("parameter that the fit identifies")
@@ -60,11 +63,28 @@ class Forecast:
     blind: FloatArray = labelled("relative changes that the plan does not inform", "", "direction parameters")
     notes: tuple[Note, ...]
     choice: str = ""
+    noise: FloatArray = labelled(
+        "expected covariance of x by noise alone", "", "parameters parameters", default_factory=lambda: np.zeros((0, 0))
+    )
 
     @property
     def std(self) -> FloatArray:
         """Standard deviations (n,) in SI, first order for logarithmic parameters."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0))
+        return self._in_si(np.diag(self.covariance))
+
+    @property
+    def std_by_noise(self) -> FloatArray:
+        """The part of `std` (n,) that stays where the robot's file is exact."""
+        return self._in_si(np.diag(self.noise)) if len(self.noise) else self.std
+
+    @property
+    def std_by_file(self) -> FloatArray:
+        """The part of `std` (n,) by the tolerances of the robot's file: std^2 = noise^2 + file^2."""
+        file = np.diag(self.covariance - self.noise) if len(self.noise) else np.zeros(len(self.nominal))
+        return self._in_si(np.nan_to_num(np.maximum(file, 0.0)))  # inf - inf of what is undetermined
+
+    def _in_si(self, variance: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(variance) * np.where(self.log, np.abs(self.nominal), 1.0))
 
     @property
     def relative(self) -> FloatArray:
@@ -75,11 +95,7 @@ class Forecast:
     @property
     def correlation(self) -> FloatArray:
         """Correlations (n, n); NaN off the diagonal for undetermined parameters."""
-        std = np.sqrt(np.diag(self.covariance))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            correlation = np.asarray(self.covariance / np.outer(std, std))
-        np.fill_diagonal(correlation, 1.0)
-        return correlation
+        return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
         """The parameter whose estimate is most correlated with this one's, and how; '' where none is."""
@@ -98,25 +114,28 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     Raises StudyError where the plan has fewer lines than there are unknowns.
     """
     parameters = expected[0].parameters
-    free = parameters.free
-    freq_hz = expected[0].response.freq_hz
+    free, freq_hz = parameters.wanted, expected[0].response.freq_hz
+    n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
-    covariance = estimate_uncertainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
+    responses, weights = [e.response for e in expected], [e.weights for e in expected]
+    covariance = estimate_uncertainty(fit, responses, weights, x, is_forecast=True).covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
-    blind, share = _blind(np.asarray(R), parameters, x), _share(fit, x, np.asarray(R))
-    names, units, log = parameters.free_names, tuple(p.unit for p in free), tuple(p.log for p in free)
+    blind, share = _blind(np.asarray(R), parameters, x)[:, :n], _share(fit, x, np.asarray(R))[..., :n]
+    names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
     notes = tuple(_undetermined(blind, names, len(expected), len(freq_hz)))
-    found = Forecast(names, units, nominal, log, covariance, configurations, freq_hz, share, blind, notes)
-    return replace(found, notes=(*found.notes, *_correlated(found)))
+    by_noise = covariance_by_noise(covariance, n)
+    noise = by_noise if n < len(x) else np.zeros((0, 0))
+    known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share, blind
+    return Forecast(*known, (*notes, *_correlated(names, by_noise)), noise=noise)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.free), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.wanted), "unknowns"):
         raise StudyError(f"excitation: {refused}, or fix some of fit.parameters")
 
 
@@ -171,8 +190,9 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
     return notes
 
 
-def _correlated(found: Forecast) -> list[Note]:
-    names, correlation = found.parameters, np.triu(np.nan_to_num(found.correlation), 1)
+def _correlated(names: Sequence[str], covariance: FloatArray) -> list[Note]:
+    """A note for each pair that the noise correlates: a file that is off moves all of them together."""
+    correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     text = "{} and {} can barely be distinguished: their estimates will have a correlation of {:.3f}"
     return [
         Note("correlated-parameters", text.format(names[i], names[j], correlation[i, j]))

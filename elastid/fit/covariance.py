@@ -102,8 +102,9 @@ def estimate_uncertainty(
     weights: Sequence[Weights],
     x: FloatArray,
     execution: Execution | None = None,
+    is_forecast: bool = False,
 ) -> Uncertainty:
-    """The covariance of x (n_x,), the optimum of `fit`."""
+    """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be."""
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
@@ -120,8 +121,9 @@ def estimate_uncertainty(
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
-    floor = _floor(parts, A_inverse, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
-    if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
+    cost = expected_cost if is_forecast else sum(part.cost for part in parts)
+    floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
+    if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
@@ -191,7 +193,9 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
     return np.asarray(shape * np.outer(scale, scale))
 
 
-def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: float, cost_dof: float) -> FloatArray:
+def _floor(
+    parts: Sequence[LineSums], A_inverse: FloatArray, cost: float, expected_cost: float, cost_dof: float
+) -> FloatArray:
     """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
 
     s: the share of its power for which V leaves room above the noise and two standard deviations of V.
@@ -203,6 +207,6 @@ def _floor(parts: Sequence[LineSums], A_inverse: FloatArray, expected_cost: floa
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
     power = sum(part.floor_power for part in parts)
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
-    room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
+    room = cost - expected_cost + 2 * deviation
     share = np.clip(room / power, 0.0, 1.0) if power else 0.0
     return np.asarray(share * (0.5 * (shifts @ shifts.conj().T).real))

@@ -30,7 +30,7 @@ from elastid.fit.problem.weights import check_factors
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import measurements_that_help, release
+from elastid.fit.tolerances import has_tolerances, measurements_that_help, release
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -62,6 +62,12 @@ def identify(
     try:
         optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        if result.has_tolerances and evidence.result.status == "model_error":
+            # A gross fault bends the numbers of the file, too, and is named less surely from there.
+            held = replace(robot, tolerances=None)
+            return identify(
+                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters
+            )
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))
@@ -107,7 +113,7 @@ def _search(
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    if robot.tolerances is not None:
+    if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot)
     return assembly, fit, starts, hits
 

@@ -19,7 +19,8 @@ The bootstrap repeats the fit on data that are drawn again about its optimum:
 
 parametric: e is drawn from the measured covariance, or where none is known from the weights. residual: the whitened
 residuals of a configuration are drawn with replacement, in blocks as long as neighbouring lines are correlated, with a
-random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.)
+random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.) Numbers of the robot's file
+are drawn within their tolerances, too.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, ROUGH, solve
 from elastid.fit.solve.trust_region import trust_region
 from elastid.fit.spec import FitSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameter, ParameterSet
 
 
 def bootstrap(
@@ -75,10 +76,20 @@ def _repeat(fit: ElasticFit, sources: tuple[_Source, ...], x: FloatArray, draw: 
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
+    own = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
+    parameters = ParameterSet(tuple(own.get(p.name, p) for p in fit.parameters)) if own else fit.parameters
     try:
-        return solve(replace(fit, parts=parts).problem, x, FINE)
+        return solve(replace(fit, parts=parts, parameters=parameters).problem, x, FINE)
     except FitError as error:
         return LocalOptimum(x, x, math.inf, 0, False, str(error))
+
+
+def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
+    """A number of the robot's file as another file would have it, within its tolerance about the optimum."""
+    if parameter.prior is None:
+        return parameter
+    mean = x + parameter.prior.std * float(rng.standard_normal())
+    return replace(parameter, prior=replace(parameter.prior, mean=math.exp(mean) if parameter.log else mean))
 
 
 @dataclass(frozen=True)
@@ -333,9 +344,10 @@ def choose_profiles(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
-    off, free = interval_errors(problem, x, variance, execution), problem.parameters.free_names
-    wanted = len(problem.parameters.wanted)
-    worst = sorted(np.flatnonzero(off[:wanted] > 0.1), key=lambda i: -off[i])
+    free, wanted = problem.parameters.free_names, len(problem.parameters.wanted)
+    asked = np.where(np.arange(len(x)) < wanted, variance, np.nan)
+    off = interval_errors(problem, x, asked, execution)
+    worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 

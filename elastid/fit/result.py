@@ -14,7 +14,7 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
 from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.note import Note
-from elastid.base.statistics import QUANTILE_95
+from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
@@ -96,6 +96,14 @@ def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
     2 / cost_dof: relative variance of their ratio.
     """
     return cost > expected_cost * (1 + 3 * math.sqrt(2 / max(cost_dof, 1.0)))
+
+
+def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
+    """C_xx - C_xn C_nn^-1 C_nx (n, n), of the first n variables as it were if the others were known; C: of all."""
+    cross = C[:n, n:]
+    if not np.isfinite(C).all():  # of what the data do not reach
+        return C[:n, :n].copy()
+    return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
@@ -232,23 +240,19 @@ class FitResult:
     @property
     def std_by_noise(self) -> dict[str, float]:
         """The part of `std` with the robot's file as exact as it is estimated, of each parameter that was asked for."""
-        return self._part(self._noise_variance)
+        return self._part(np.diag(self.covariance_by_noise))
 
     @property
     def std_by_file(self) -> dict[str, float]:
         """The part of `std` by the tolerances of the robot's file: std^2 = noise^2 + file^2."""
-        noise = self._noise_variance
+        noise = np.diag(self.covariance_by_noise)
         with np.errstate(invalid="ignore"):  # inf - inf of what the data do not reach
             return self._part(np.nan_to_num(np.diag(self.covariance)[: len(noise)] - noise))
 
     @property
-    def _noise_variance(self) -> FloatArray:
-        """diag(C_xx - C_xn C_nn^-1 C_nx) (n_wanted,), n the numbers within tolerances."""
-        n, C = len(self.parameters.wanted), self.covariance
-        cross = C[:n, n:]
-        if not np.isfinite(C).all():
-            return np.diag(C)[:n].copy()
-        return np.asarray(np.diag(C)[:n] - np.sum(cross * np.linalg.solve(C[n:, n:], cross.T).T, axis=1))
+    def covariance_by_noise(self) -> FloatArray:
+        """The part of `covariance` with the robot's file as exact as it is estimated (n_wanted, n_wanted)."""
+        return covariance_by_noise(self.covariance, len(self.parameters.wanted))
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
         wanted, std = self.parameters.wanted, np.sqrt(np.maximum(variance, 0.0))
@@ -312,8 +316,4 @@ class FitResult:
     @property
     def correlation(self) -> FloatArray:
         """Correlation matrix (n_x, n_x); rows of unreachable parameters are NaN off the diagonal."""
-        std = np.sqrt(np.diag(self.covariance))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            correlation = np.asarray(self.covariance / np.outer(std, std))
-        np.fill_diagonal(correlation, 1.0)
-        return correlation
+        return correlation_of(self.covariance)

@@ -17,15 +17,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError, StudyError
+from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.solve.solvers import FINE, solve
+from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
+from elastid.fit.spec import FitSpec
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.robot import BodyTolerances, Robot, Tolerances
-from elastid.robot.tolerances import kind_of
+from elastid.robot.tolerances import Exact, kind_of
 
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
@@ -43,18 +46,31 @@ class AdviceLimits:
 ADVICE = AdviceLimits()
 
 
-def with_tolerances(parameters: ParameterSet, robot: Robot) -> ParameterSet:
+@dataclass(frozen=True)
+class ReleaseLimits:
+    """Limits of the solve with numbers within their tolerances, which state no fault and so have no false alarms."""
+
+    cost_ratio: float = 1.5  # V over its degrees of freedom, above which it is solved from a further start
+    attempts: int = 4  # starts that are tried
+
+
+RELEASE = ReleaseLimits()
+
+
+def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> ParameterSet:
     """The same with the numbers that it holds free within robot.tolerances; unchanged where all are exact.
 
-    Coordinates that are zero stay, but for centres of mass: an offset of an axis acts in second order.
+    What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
+    an offset of an axis acts in second order.
     """
     tolerances = {each.name: each for each in _tolerances(robot)}
     known = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    asked |= {n for key, own in spec.parameters.items() if own.fixed for n in matching(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
-        number = known.get(name, Parameter(name, value, unit, log=name.startswith("l_"), free=False))
+        number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         own = tolerances.get(name)
         if own is None or name in asked or (number.value == 0 and own.kind != "center_of_mass"):
             numbers += [number] * (name in known)
@@ -88,7 +104,7 @@ class _Tolerance:
 
 
 def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
-    if robot.tolerances is None:
+    if not isinstance(robot.tolerances, Tolerances):
         return
     for name, (_, path) in (robot.numbers | robot.geometry).items():
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
@@ -99,14 +115,21 @@ def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
         yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
 
 
+def has_tolerances(robot: Robot) -> bool:
+    """True if a number of the robot's file may be off."""
+    return any(True for _ in _tolerances(robot))
+
+
 def release(
     assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
-    """The fit with numbers free within their tolerances at the end of the best start, and the starts with theirs.
+    """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
 
-    The first of them is solved; the others end where they did, with the file's numbers.
+    It is solved from the end of the best start. While V stays above RELEASE.cost_ratio of its degrees of freedom, the
+    study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
+    rest end where they did, with the file's numbers.
     """
-    parameters, held = with_tolerances(assembly.parameters, robot), assembly.parameters.free_names
+    parameters, held = with_tolerances(assembly.parameters, robot, assembly.spec), assembly.parameters.free_names
     places = [parameters.free_names.index(name) for name in held]
 
     def widened(x: FloatArray) -> FloatArray:
@@ -115,21 +138,40 @@ def release(
         return wide
 
     starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    criterion = assembly.spec.criterion
     assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model)
-    best = starts[0]
-    fit = assembly.at(best.x, criterion)
-    end = solve(assembly.search_problem(fit, criterion), best.x, FINE, method=assembly.spec.solver)
-    end = replace(end, x_start=best.x_start, iterations=best.iterations + end.iterations)
-    return assembly, fit, (end, *starts[1:])
+    begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
+    best: tuple[ElasticFit, LocalOptimum] | None = None
+    for begin in begins[: RELEASE.attempts]:
+        try:
+            fit, end = _released(assembly, begin)
+        except (StudyError, FitError):  # no robot stands on the way
+            continue
+        best = (fit, end) if best is None or end.cost < best[1].cost else best
+        if best[1].cost <= RELEASE.cost_ratio * fit.problem.dof:
+            break
+    if best is None:
+        raise FitError(f"no robot within the tolerances of its file stands at any of {RELEASE.attempts} starts")
+    return assembly, best[0], (best[1], *starts[1:])
 
 
-def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | None:
+def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, LocalOptimum]:
+    """The optimum near the end of a start, and the fit as linearised before the last round.
+
+    Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
+    """
+    end = begin
+    for tolerance in (NEAR, ROUGH, FINE):
+        fit = assembly.at(end.x, assembly.spec.criterion)
+        end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
+    return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
+
+
+def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | Exact | None:
     """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
     """
-    if robot.tolerances is None or not result.has_tolerances:
+    if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
         return robot.tolerances
     deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
@@ -177,12 +219,6 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
     return (Note("file-limits", text, severity="information"),)
 
 
-def _measured_std(parameter: Parameter) -> float:
-    """Of a measurement of a tolerated number, in x; infinite for the others."""
-    if parameter.prior is None or not parameter.tolerated:
-        return math.inf
-    return ADVICE.part * parameter.prior.std
-
-
 def _stated(parameter: Parameter, std: float) -> str:
-    return f"{parameter.name} known to {f'{100 * std:.2g} %' if parameter.log else f'{1e3 * std:.2g} mm'}"
+    is_length = parameter.unit == "m" and not parameter.log
+    return f"{parameter.name} known to {f'{1e3 * std:.2g} mm' if is_length else f'{100 * std:.2g} %'}"

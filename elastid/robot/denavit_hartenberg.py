@@ -21,6 +21,7 @@ from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload, 
 from elastid.robot.joint import Joint
 from elastid.robot.placement import Acceleration3, Placement, Vector3
 from elastid.robot.robot import Robot
+from elastid.robot.tolerances import FileTolerances
 
 
 @section
@@ -88,6 +89,9 @@ class DenavitHartenberg:
         "marker whose motion is logged.")] = ()
     payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "whatever "
         "hung at the flange when the data was taken.")] = None
+    tolerances: Annotated[FileTolerances, Key("Tolerances of the table's numbers that a fit holds, {} for common ones, "
+        "or `exact` (default as for a robot of bodies).", "a length exact and masses to 3 % for a table from a "
+        "calibration and a data sheet; wide ones for tables of papers, whose origin is rarely said.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -102,7 +106,8 @@ class DenavitHartenberg:
             bodies.append(self._body(link, parent, last))
             parent, last = link.body_name, Placement()
         frames = (Frame(TOOL, parent, self.tool), *self.frames)
-        return Robot(self.name, tuple(bodies), self.gravity, self.source, frames, self.payload)
+        described = self.name, tuple(bodies), self.gravity, self.source, frames, self.payload
+        return Robot(*described, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
         """The link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""

@@ -21,7 +21,7 @@ from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
-from elastid.robot.tolerances import Tolerances
+from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
 def check_part_names(robot: Robot) -> None:
@@ -87,7 +87,7 @@ def check_carrier(joint: Joint, robot: Robot) -> None:
 def check_tolerances(robot: Robot) -> None:
     """ValueError for tolerances of a body, loop or payload that the robot does not have."""
     known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
-    for each in () if robot.tolerances is None else robot.tolerances.bodies:
+    for each in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
         if each.name not in known:
             raise ValueError(f"tolerances: no body is called {each.name}; {did_you_mean(each.name, known)}")
 
@@ -128,9 +128,11 @@ class Robot:
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters around the "
         "mechanics.", "where phase falls with frequency more than the delay explains: filters of drives and "
         "sensors.")] = Chain()
-    tolerances: Annotated[Tolerances | None, Key("Tolerances of the numbers in this file that a fit holds, {} for "
-        "common ones (default: all are exact).", "for a robot from CAD and data sheets: masses, inertias, centres and "
-        "lengths then move within them, and intervals contain them.")] = None
+    tolerances: Annotated[FileTolerances, Key("Tolerances of the numbers in this file that a fit holds, {} for common "
+        "ones, or `exact` (default: common ones where logs or responses were measured; exact on a simulated rig, whose "
+        "robot is its file, unless `truth` changes such a number).", "`exact` where all numbers were identified or "
+        "calibrated before. Otherwise masses, inertias, centres and lengths move within their tolerances, and "
+        "intervals contain them.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from elastid.robot.placement import Path
 
 Exact: TypeAlias = Literal["exact"]
 EXACT: Exact = "exact"
+OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatter and warm
 
 
 def _check(owner: object, where: str) -> None:
@@ -61,9 +62,10 @@ class Tolerances:
         "3 mm for small robots; in proportion to the length of the links.")] = 0.01
     length: Annotated[Length | Exact, Key("Standard deviation of lengths and places of joints that are not zero.",
         "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.")] = 1e-3
-    torque_constant: Annotated[Ratio | Exact, Key("Standard deviation of the torque constant of each motor, relative.",
-        "3 to 5 % where torque is current times the constant of a data sheet: every stiffness is then no better known "
-        "than the masses.")] = EXACT
+    torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
+        "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
+        "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "
+        "constant from masses and stiffnesses together, so that each is then no better known than the masses.")] = None
     bodies: Annotated[tuple[BodyTolerances, ...], Key("Bodies with tolerances of their own.", "for what was measured: "
         "the end of a run says which measurement would narrow which interval.")] = ()
     # fmt: on
@@ -73,8 +75,8 @@ class Tolerances:
 
     @property
     def torque_constant_std(self) -> float:
-        """Of the torque constants, relative; 0 where they are exact."""
-        return 0.0 if self.torque_constant == EXACT else float(self.torque_constant)
+        """Of the torque constants, relative; 0 where they are exact, or left to a study that has not said so."""
+        return 0.0 if self.torque_constant in (EXACT, None) else float(self.torque_constant)
 
     def std(self, path: Path, body: str) -> float:
         """Of the number at a path of a robot, relative or in m; 0 where it is exact.
@@ -85,6 +87,9 @@ class Tolerances:
         own = next((getattr(each, kind, None) for each in self.bodies if each.name == body), None)
         value = getattr(self, kind, EXACT) if own is None else own
         return 0.0 if value == EXACT else float(value)
+
+
+FileTolerances: TypeAlias = Tolerances | Exact | None
 
 
 def kind_of(path: Path) -> str:

@@ -26,6 +26,7 @@ from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
 from elastid.robot.spring import Spring
+from elastid.robot.tolerances import FileTolerances
 
 _RULE = NameRule(without=SEPARATOR)
 
@@ -147,6 +148,9 @@ class UrdfRobot:
         "the file marks; links without mass are frames already.")] = ()
     payload: Annotated[Payload | None, Key("Load that the robot carries at one of its frames or bodies.", "tool and "
         "load that the file does not contain.")] = None
+    tolerances: Annotated[FileTolerances, Key("Tolerances of the file's numbers that a fit holds, {} for common ones, "
+        "or `exact` (default as for a robot of bodies).", "{mass: 20 %, inertia: 50 %} where the URDF was made for "
+        "pictures and its masses are boxes.")] = None
     # fmt: on
 
     def robot(self, folder: Path) -> Robot:
@@ -159,7 +163,8 @@ class UrdfRobot:
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
         bodies, frames = _Reader(root, self.joints).read()
         name = self.name or (root.name if "name" in root.attributes else path.stem)
-        return Robot(name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload)
+        described = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
+        return Robot(*described, tolerances=self.tolerances)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,9 @@ from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
+from elastid.robot import Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
+from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_lines, check_study
 from elastid.study.checks.logs import check_logs
 from elastid.study.messages import Problem, make_error, validate
@@ -97,6 +99,30 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
     return 0.0
 
 
+def with_usual_tolerances(study: Study) -> Study:
+    """The study whose robot has the tolerances of its fit, where its file leaves them to the study.
+
+    Common ones where responses are measured, of torque constants where they turn currents into torques.  A simulated
+    rig is as exact as its file, unless its truth has another value of a number that the fit holds.
+    """
+    robot, experiment = study.robot, study.experiment
+    if robot is None or study.friction is not None or robot.tolerances == EXACT:
+        return study
+    tolerances = robot.tolerances
+    if experiment.simulated is not None:
+        paths = {name: path for name, (_, path) in (robot.numbers | robot.geometry).items()}
+        free = choose(study.fit, robot, tuple(experiment.configurations)).free_names
+        held = [name for name in experiment.simulated.truth if name in paths and name not in free]
+        if tolerances is None and any(kind_of(paths[name]) for name in held):
+            tolerances = Tolerances()
+    else:
+        of_current = any(channel.quantity == "current" for channel in experiment.channels)
+        tolerances = tolerances or Tolerances()
+        if tolerances.torque_constant is None:
+            tolerances = replace(tolerances, torque_constant=OF_CURRENT if of_current else EXACT)
+    return replace(study, robot=replace(robot, tolerances=tolerances))
+
+
 def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     robot = study.as_robot()
     friction = {name: float(value) for name, value in truth.items() if name in friction_numbers(robot)}
@@ -172,6 +198,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
         problems = [problem for problem in problems if not robot_errors or problem.path != ("robot",)]
         raise make_error(source, problems, robot_errors)
     study, unresolved = convert_to_si(study)
+    study = with_usual_tolerances(study) if not unresolved else study
     problems = [*check_study(study, path.parent), *unresolved]
     if problems := problems or list(check_lines(study)):
         raise make_error(source, problems)

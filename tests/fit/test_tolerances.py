@@ -9,14 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastid.fit.assembly import Assembly
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.tolerances import measurements_that_help, remaining_tolerances, with_tolerances
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
+from elastid.fit.tolerances import measurements_that_help, release, remaining_tolerances, with_tolerances
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
+from elastid.parameters import Prior
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring, Tolerances
@@ -102,7 +105,7 @@ def test_the_part_of_the_noise_is_that_of_a_fit_that_knows_the_robot() -> None:
 def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None:
     """One factor for the entries of an inertia, in x behind all that was asked for."""
     robot = arm(Tolerances())
-    parameters = with_tolerances(choose(SPEC, robot), robot)
+    parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)
     free = parameters.free_names
     assert [p.name for p in parameters.wanted] == list(free[:6])
     assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z"} <= set(free[6:])
@@ -113,6 +116,29 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     theta = parameters.as_dict(x)
     assert theta["I_upper_xx"] == pytest.approx(3.3)
     assert theta["I_upper_zz"] == pytest.approx(0.55)
+
+
+def test_numbers_that_a_study_frees_or_fixes_itself_stay_as_it_says() -> None:
+    """One with a prior of its own keeps it, and one that is fixed is held."""
+    own = {"m_fore": ParameterSpec(prior=PriorSpec(0.5)), "m_upper": ParameterSpec(fixed=True)}
+    spec, robot = replace(SPEC, parameters=SPEC.parameters | own), arm(Tolerances())
+    parameters = with_tolerances(choose(spec, robot), robot, spec)
+    assert parameters["m_fore"] in parameters.wanted
+    assert parameters["m_fore"].prior == Prior(25.0, 0.5)
+    assert "m_upper" not in parameters.free_names
+    assert "I_upper" in parameters.free_names
+
+
+def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
+    """From the study's own start, where V stays high at the end of the best start."""
+    rng = np.random.default_rng(3)
+    robot, responses = arm(Tolerances()), measure(off(arm(), rng), rng)
+    assembly = Assembly.of(responses, robot, SPEC, choose(SPEC, robot))
+    astray = assembly.parameters.x_bounds[1]
+    end = LocalOptimum(astray, astray, 1e9, 1, True, "")
+    _, _, (best, *_) = release(assembly, [end], robot)
+    (dof,) = {assembly.at(assembly.parameters.x, "complex").problem.dof}
+    assert best.cost < 1.5 * dof
 
 
 def test_the_identified_robot_keeps_what_the_data_left_of_its_tolerances() -> None:
@@ -138,6 +164,15 @@ def test_what_to_measure_is_said_with_its_gain() -> None:
     assert float(before) == pytest.approx(100 * result.std[name] / result.values[name], rel=0.1)
     assert float(after) < 0.7 * float(before)
     assert measurements_that_help(fitted(3, None)) == ()
+
+
+def test_the_bootstrap_draws_the_file_too() -> None:
+    """Where the file is nearly all of an interval, ends are those of the covariance within what 60 draws allow."""
+    loose = replace(arm(), tolerances=Tolerances(torque_constant=0.05))
+    result = identify(measure(arm(), np.random.default_rng(7)), loose, replace(SPEC, bootstrap=60))
+    assert result.std_by_file["k_1"] > 5 * result.std_by_noise["k_1"]
+    low, high = result.bootstrap95[result.parameters.free_names.index("k_1")]
+    assert (high - low) / (4 * result.std["k_1"]) == pytest.approx(1, abs=0.3)
 
 
 @pytest.mark.slow

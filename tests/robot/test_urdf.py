@@ -10,7 +10,7 @@ from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.robot import Robot
+from elastid.robot import Robot, Tolerances
 from elastid.study import load_robot
 
 MOTOR = {"inertia": 1e-300}
@@ -124,10 +124,11 @@ def test_the_side_file_replaces_limits_and_adds_frames_and_a_source(tmp_path):
     """Limits of the URDF give way to those of the side file."""
     joints = {"a1": BESIDE["a1"] | {"limits": {"angle": [-0.5, 0.5], "torque": 12}}}
     frames = [{"name": "probe", "body": "upper", "placement": {"xyz": [0, 0, 0.1]}}]
-    robot = read(ARM, joints, tmp_path, frames=frames, source="a drawing")
+    robot = read(ARM, joints, tmp_path, frames=frames, source="a drawing", tolerances={"mass": 0.2})
     assert (robot.joints[0].limits.angle, robot.joints[0].limits.torque) == ((-0.5, 0.5), 12)
     assert [frame.name for frame in robot.frames] == ["base_link", "tool0", "probe"]
     assert robot.source == "a drawing"
+    assert robot.tolerances == Tolerances(mass=0.2)
 
 
 @pytest.mark.parametrize(

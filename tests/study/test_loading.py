@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from hypothesis import given, settings
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
 from elastid.base.errors import StudyError
+from elastid.robot import Tolerances
 from elastid.study import load, make_schema
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -520,3 +522,45 @@ def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
     line = tiny.read_text().splitlines().index("robot: words.txt") + 1
     assert first == f"study.yml:{line}:8: robot: words.txt is no robot:"
     assert second.startswith("words.txt:1:1: a robot is a mapping")
+
+
+CURRENT = """\
+name: bench
+robot: robot.yml
+experiment:
+  configurations: {a: [0]}
+  recorded:
+    rate_hz: 1000
+    period: 1 s
+    channels:
+      - {role: u, at: motor 1, channel: i, quantity: current, unit: A, torque_constant: 0.17 N*m/A}
+      - {role: y, at: motor 1, channel: q, quantity: position, unit: rad}
+    files: [{path: log.csv, configuration: a}]
+fit: {parameters: {k_1: {}}}
+"""
+
+
+def tolerances_of(study: Path, *overrides: str) -> Tolerances | Literal["exact"] | None:
+    return load(study, overrides).study.as_robot().tolerances
+
+
+def test_a_robot_whose_responses_are_measured_has_the_tolerances_of_a_data_sheet(tiny: Path) -> None:
+    """Of torque constants where the log holds a current; what the file says counts first."""
+    (tiny.parent / "study.yml").write_text(CURRENT)
+    (tiny.parent / "log.csv").write_text("i,q\n0,0\n")
+    assert tolerances_of(tiny) == Tolerances(torque_constant=0.05)
+    torque = "experiment.recorded.channels.0={role: u, at: motor 1, channel: i}"
+    assert tolerances_of(tiny, torque) == Tolerances(torque_constant="exact")
+    assert tolerances_of(tiny, "robot.tolerances={mass: 1 %}") == Tolerances(mass=0.01, torque_constant=0.05)
+    assert tolerances_of(tiny, "robot.tolerances={torque_constant: 1 %}") == Tolerances(torque_constant=0.01)
+    assert tolerances_of(tiny, "robot.tolerances=exact") == "exact"
+    assert "expected a mapping ({} for the defaults), or one of exact" in errors(tiny, "robot.tolerances=none")[0]
+
+
+def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_fit_holds(tiny: Path) -> None:
+    """A stiffness is no such number, nor is an inertia that is identified."""
+    assert tolerances_of(tiny) is None
+    wrong = "experiment.simulated.truth={k_1: 60, I_load: 1.1e-3}"
+    assert tolerances_of(tiny, wrong) == Tolerances()
+    assert tolerances_of(tiny, wrong, "fit.parameters.I_load={}") is None
+    assert tolerances_of(tiny, wrong, "robot.tolerances=exact") == "exact"

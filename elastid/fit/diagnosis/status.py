@@ -23,6 +23,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
+from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status
@@ -208,7 +209,8 @@ def _bounds(result: FitResult) -> Iterator[Note]:
 
 def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
     """On parameters, pairs of them and the combination that the data constrain too little."""
-    names, values, correlation = result.parameters.free_names, result.singular_values, result.correlation
+    names, values = result.parameters.free_names, result.singular_values
+    correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
     if unreached.any():
         yield Note(
             "undetermined",
@@ -222,7 +224,7 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
             interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
             far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
             yield Note("weakly-determined", f"{parameter.name} is weakly determined: {far}")
-    for i, j in np.argwhere(np.triu(np.abs(correlation[: len(wanted), : len(wanted)]) > LIMITS.correlation, 1)):
+    for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
         yield Note("correlated", text)
     is_judged = len(result.weakest) and len(values) > 1 and not result.has_tolerances
