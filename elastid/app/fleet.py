@@ -24,7 +24,7 @@ from elastid.report.page.page import FleetContent, Outcome, write_page_of_fleet
 from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
-from elastid.validation.fleet import FleetValue, find_changes
+from elastid.validation.fleet import FleetValue, find_changes, find_spreads
 
 MEMBERS = "members"
 # Files written next to the members' folders.
@@ -59,7 +59,9 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
-        content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate, software())
+        rate = fleet.false_discovery_rate
+        spreads = find_spreads(values)
+        content = FleetContent(fleet.name, values, units, spreads, findings, outcomes, rate, software())
         page = write_page_of_fleet(content, folder)
         keep_checksums(folder, WRITTEN)
         for words in (f"fleet: {content.verdict}", str(table), str(page)):

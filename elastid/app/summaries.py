@@ -74,7 +74,7 @@ def section(value: Any, names: str) -> dict[str, Any]:
 
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
-    lists = ("correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes")
+    lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
     numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
     rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
@@ -113,6 +113,11 @@ def summary(
                 "effects": dict(zip(names, json_value(index.effects), strict=True)),
             }
             for index in result.indices
+        ],
+        "rigid_parts": [
+            section(part, "name stiffness hidden_from")
+            | {"changes": dict(zip((p.name for p in result.parameters.wanted), json_value(part.changes), strict=True))}
+            for part in result.rigid_parts
         ],
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
@@ -298,6 +303,7 @@ def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, di
             if getattr(row, name) not in (None, "")
         }
         | ({"std_repeated": json_value(repeated[row.name])} if result.has_tolerances else {})
+        | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.rigid_parts else {})
         | {
             name: json_value(ends)
             for name in ("profile95", "bootstrap95")

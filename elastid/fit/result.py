@@ -66,6 +66,34 @@ class ModificationIndex:
         return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
 
 
+BASE = "base"  # how the names of parts that carry the robot begin
+
+
+@frozen_value
+class RigidPart:
+    """A part that the model takes as rigid.
+
+    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
+    that.  hidden_from: the stiffness from which on none of them leaves its 95 % interval by it.
+    """
+
+    name: str
+    stiffness: float = labelled("usual stiffness", "N*m/rad")
+    changes: FloatArray = labelled("change of each parameter asked for, of x")
+    hidden_from: float = labelled("stiffness from which on no interval is left", "N*m/rad")
+
+    @property
+    def is_base(self) -> bool:
+        """True for what carries the robot."""
+        return self.name.startswith(BASE)
+
+    def most_moved(self, names: Sequence[str], most: int = 2) -> dict[str, float]:
+        """The stiffnesses among `names` (n,) that it moves most, and their relative changes."""
+        stiff = [i for i, name in enumerate(names) if name.startswith("k")]
+        stiff.sort(key=lambda i: -abs(float(self.changes[i])))
+        return {names[i]: math.expm1(float(self.changes[i])) for i in stiff[:most] if self.changes[i]}
+
+
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
 Status: TypeAlias = Literal[
@@ -137,6 +165,7 @@ class FitResult:
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
+    rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
@@ -167,6 +196,7 @@ class FitResult:
     weakest: FloatArray = labelled("least known combination", "", "free_names", default_factory=_NO_NUMBERS)
     cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
+    rigid_parts: tuple[RigidPart, ...] = labelled(rows=True, default=())
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     repeated: FloatArray = labelled(
         "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
@@ -251,6 +281,13 @@ class FitResult:
         noise = np.diag(self.covariance_by_noise)
         with np.errstate(invalid="ignore"):  # inf - inf of what the data do not reach
             return self._part(np.nan_to_num(np.diag(self.covariance)[: len(noise)] - noise))
+
+    @property
+    def std_with_base(self) -> dict[str, float]:
+        """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
+        n = len(self.parameters.wanted)
+        base = sum((part.changes**2 for part in self.rigid_parts if part.is_base), np.zeros(n))
+        return self._part(np.diag(self.covariance)[:n] + base)
 
     @property
     def covariance_by_noise(self) -> FloatArray:

@@ -34,6 +34,7 @@ from elastid.fit.diagnosis.hypothesis import (
 )
 from elastid.fit.diagnosis.lateness import as_delay
 from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import RATE, HeldModel, evaluate_held
 from elastid.fit.diagnosis.status import MISFIT, decisive_index, estimate_notes, with_status
@@ -264,13 +265,15 @@ def judge(
 
 def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
-    result, optimum = evidence.result, evidence.optimum
+    result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
+    if scores is not None and result.status in ("converged", "at_bound"):
+        result = replace(result, rigid_parts=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
     by_family = {h.family: h.notes(evidence) for h in evidence.hypotheses if h.notes is not None}
     apart = by_family.pop("configurations", ())
     causes = explanations(evidence) if evidence.best_share > LIMITS.explained_share or not apart else ()
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
-    undetectable = find_undetectable_errors(result, evidence.scores)
+    undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
     of_families = (note for family_notes in by_family.values() for note in family_notes)
     return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))
 

@@ -32,7 +32,7 @@ from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
 
 if TYPE_CHECKING:
-    from elastid.validation.fleet import Finding, FleetValue  # brings SciPy's statistics
+    from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics
 
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
@@ -236,7 +236,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FleetContent:
-    """Parameters of the robots of a fleet over dates, and their findings.
+    """Parameters of the robots of a fleet over dates, their spreads, and their findings.
 
     units: of the parameters.  rate: false discovery rate of the findings.  made_by: versions and platform, in words.
     """
@@ -244,6 +244,7 @@ class FleetContent:
     title: str
     values: tuple[FleetValue, ...]
     units: Mapping[str, str]
+    spreads: tuple[Spread, ...]
     findings: tuple[Finding, ...]
     outcomes: tuple[Outcome, ...]
     rate: float
@@ -256,7 +257,7 @@ class FleetContent:
         done = sum(not outcome.failed for outcome in self.outcomes)
         count = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
         if not self.findings:
-            return count + "no parameter differs or drifts beyond its interval."
+            return count + "no parameter differs or drifts beyond what is natural."
         first = "; ".join(finding.words for finding in self.findings[:3])
         more = f"; and {len(self.findings) - 3} more" if len(self.findings) > 3 else ""
         return f"{count}{first}{more}."

@@ -16,7 +16,7 @@ from plants.report_values import full_content, pair
 from elastid.report.content import ResponsesContent
 from elastid.report.page.page import FleetContent, Outcome, html, html_of_responses, write_page_of_fleet
 from elastid.report.page.page_of_friction import html_of_friction
-from elastid.validation.fleet import FleetValue, find_changes
+from elastid.validation.fleet import FleetValue, find_changes, find_spreads
 
 # What a reader of the screen needs, as one sentence for each fault.
 FAULTS = """
@@ -115,7 +115,7 @@ def fleet(folder: Path) -> Path:
     outcomes = tuple(Outcome(f"robot {i}", "2026-01-01", "converged", "cut short" if i else "") for i in range(6))
     findings = tuple(find_changes(values, false_discovery_rate=0.05))
     return write_page_of_fleet(
-        FleetContent("A cell", values, {"k_2": "N*m/rad"}, findings, outcomes, 0.05, "us"), folder
+        FleetContent("A cell", values, {"k_2": "N*m/rad"}, find_spreads(values), findings, outcomes, 0.05, "us"), folder
     )
 
 

@@ -322,5 +322,5 @@ def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
 
 def test_the_verdict_counts_what_was_identified() -> None:
     outcomes = (Outcome("A", "2026-01-01", "converged", ""), Outcome("B", "2026-01-01", "died", "no memory"))
-    verdict = FleetContent("fleet", (), {}, (), outcomes, 0.05, "elastid").verdict
-    assert verdict == "2 robots, 1 of 2 measurements identified: no parameter differs or drifts beyond its interval."
+    verdict = FleetContent("fleet", (), {}, (), (), outcomes, 0.05, "elastid").verdict
+    assert verdict == "2 robots, 1 of 2 measurements identified: no parameter differs or drifts beyond what is natural."
