@@ -12,7 +12,7 @@ line is one JSON object.
 
 Multisine of 6 periods, 100 draws: sigma_0 0.41 %, sigma_1 2.2 % rms, coverage 96 and 94 +- 3 % (its bias is 0.3 to
 0.7 %).  Noise of 30 s: 0.26 and 1.4 % rms, coverage 97 and 89 +- 3 %: the bias of 0.7 % in sigma_1 is half a std
-there.  Loops: 0.15 and 1.1 % rms.  Warm-up, 30 rigs: temperature within 0.15 %, level within 0.35 %, no note and no
+there.  Loops: 0.15 and 1.1 % rms.  Warm-up, 30 rigs: temperature within 0.13 %, level within 0.30 %, no note and no
 refusal.  Cost: 2 CPU seconds.
 """
 
