@@ -355,6 +355,7 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
             "friction",
             "correlations_above_0.9",
             "modification_indices",
+            "rigid_parts",
             "modes",
             "frf_error",
             "warnings",
