@@ -119,11 +119,16 @@ MEANING: dict[Status, str] = {
 
 
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds what the noise explains by 3 standard deviations, once in 700 fits of a true model.
+    """True if V exceeds what the noise explains by 3 standard deviations, once in 700 fits of a true model."""
+    return cost > expected_cost * largest_by_chance(cost_dof)
 
-    2 / cost_dof: relative variance of their ratio.
+
+def largest_by_chance(cost_dof: float) -> float:
+    """V over what the noise explains, as far as chance goes in 699 of 700 fits of a true model.
+
+    2 / cost_dof: relative variance of that ratio.
     """
-    return cost > expected_cost * (1 + 3 * math.sqrt(2 / max(cost_dof, 1.0)))
+    return 1 + 3 * math.sqrt(2 / max(cost_dof, 1.0))
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
@@ -240,9 +245,14 @@ class FitResult:
         return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
 
     @property
+    def residual_ratio(self) -> float:
+        """Residuals over what the noise alone explains, root mean square."""
+        return math.sqrt(self.cost / max(self.cost_expected, 1e-300))
+
+    @property
     def model_error(self) -> float:
-        """Residuals over what the noise alone explains, root mean square, at least 1."""
-        return math.sqrt(max(1.0, self.cost / max(self.cost_expected, 1e-300)))
+        """The same, at least 1."""
+        return max(1.0, self.residual_ratio)
 
     @property
     def theta(self) -> FloatArray:

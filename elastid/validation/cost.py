@@ -100,12 +100,9 @@ def explain_cost(
     """The explanation in words. measured, modelled: of the fitted configurations; agreements of others are ignored."""
     names = [response.configuration.name for response in measured]
     ratio = result.cost / max(result.cost_expected, 1e-300)
-    opening = f"The cost is {result.cost:.4g}; noise alone would leave {result.cost_expected:.4g}"
+    opening = f"The residuals of the fit are {result.residual_ratio:.3g} times the noise, rms"
     if all(response.uncertainty is None for response in measured):
-        return (
-            f"The cost is {result.cost:.4g} for {result.dof} degrees of freedom, in units of fit.weights.floor: the "
-            "responses came without an uncertainty, so it cannot be compared with the noise."
-        )
+        return "The responses came without an uncertainty: nothing says how large the residuals of the fit may be."
     fitted = [a for a in agreements if a.configuration in names]
     more = noise_p(fitted, cost_p(result)) < FALSE_ALARM
     less = falls_short_by_chance(ratio, result.cost_dof) < FALSE_ALARM
@@ -113,10 +110,10 @@ def explain_cost(
     if not more and not less:
         coloured = [] if are_white(fitted) else [a.configuration for a in fitted if not a.is_white]
         though = f", though residuals of neighbouring lines are correlated in {', '.join(coloured)}" if coloured else ""
-        return f"{opening}: the data show no error of the model ({rate}){though}."
+        return f"{opening}, and show no error of the model ({rate}){though}."
     if not more:
         return (
-            f"{opening}: the residuals are smaller than their uncertainty, which is overestimated, for instance by "
+            f"{opening}, smaller than their uncertainty, which is overestimated, for instance by "
             "realisations or periods that differ by more than their mean is wrong, or by fit.weights.floor above the "
             "error of the model; the intervals are then too wide rather than too narrow."
         )
@@ -124,14 +121,12 @@ def explain_cost(
     times = math.sqrt(max(ratio, power_ratio(fitted)[0]))
     if not cost_p(result) < FALSE_ALARM and spec.weights.floor > 0:
         opening = (
-            f"{opening}, with a floor of {100 * spec.weights.floor:.3g} % of each element in addition to the noise, "
-            "and shows no more. Without the floor, which the intervals hold"
+            f"{opening}, with a floor of {100 * spec.weights.floor:.3g} % of each element in addition to it, and show "
+            f"no more. Without the floor, which the intervals hold, they are {times:.3g} times the noise"
         )
-    return (
-        f"{opening}: the residuals are {times:.3g} times the noise, rms ({rate}). "
-        + _kind(excess, fitted)
-        + _places(excess, measured[0])
-    )
+    elif times > 1.01 * result.residual_ratio:
+        opening = f"{opening}, and {times:.3g} times without the weights of the fit"
+    return f"{opening} ({rate}). " + _kind(excess, fitted) + _places(excess, measured[0])
 
 
 def cost_p(result: FitResult) -> float:

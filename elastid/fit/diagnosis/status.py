@@ -26,7 +26,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
-from elastid.fit.result import FitResult, ModificationIndex, Status
+from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
 
 
@@ -55,10 +55,7 @@ def with_status(evidence: Evidence) -> FitResult:
     """The result with the worst status that applies, and a sentence with the numbers."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
-    fit = (
-        f"V = {result.cost:.5g} for {result.dof} degrees of freedom; {result.hits} of {len(result.starts)} starts "
-        f"reached it; {_compared_with_noise(result)}"
-    )
+    fit = f"{_compared_with_noise(result)}; {result.hits} of {len(result.starts)} starts reached this optimum"
     share = f"{100 * max(evidence.explained, 0.0):.0f} %"
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
 
@@ -91,12 +88,12 @@ def with_status(evidence: Evidence) -> FitResult:
 
 
 def _compared_with_noise(result: FitResult) -> str:
-    """The residuals relative to the noise, and whether chance explains the difference."""
+    """The residuals relative to the noise, and how far chance goes."""
     if not result.noise_is_known:
         return "the noise is unknown, so that the residuals cannot be judged and the intervals come from them alone"
-    times = math.sqrt(result.cost / max(result.cost_expected, 1e-300))
-    chance = f"{'more' if result.exceeds_noise else 'no more'} than chance allows (beyond it once in 700 fits of a true"
-    return f"the residuals are {times:.3g} times what the noise explains, {chance} model)"
+    most = math.sqrt(largest_by_chance(result.cost_dof))
+    times = f"{result.residual_ratio:.3g} times the noise, rms"
+    return f"the residuals are {times}, where a true model reaches {most:.3g} once in 700 fits"
 
 
 def decisive_index(
