@@ -18,7 +18,7 @@ def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formula
 
 
 def test_keys_that_do_not_suit_a_robot_are_named_with_their_place() -> None:
-    """Loops that a serial formulation leaves open; names that are no coordinates, motors of elastic gears among them."""
+    """Loops that a serial formulation leaves open; names that are no coordinates; others have their places."""
     robot = linkage()
     assert list(ModelSpec().refusals(robot)) == []
     ((key, words),) = ModelSpec("serial").refusals(robot)
