@@ -187,3 +187,12 @@ def test_lines_are_described_by_their_number_and_range() -> None:
     assert described_lines(np.array([128, 192, 256]), record) == "3 (125 to 250 Hz)"
     assert described_lines(np.array([128]), replace(record, rate_is_known=False)) == "1 (125 of the sampling rate)"
     assert left_out_note(np.array([128]), record, "why").text == "lines 1 (125 Hz) are left out: why"
+
+
+def test_the_noise_of_a_level_is_that_of_a_mean_over_the_periods() -> None:
+    """Five of them."""
+    rng, lines = np.random.default_rng(0), np.arange(10, 100)
+    u = np.tile(synthesise(lines, orthogonal_set(np.ones((90, 1)), rng)[0], N), (5, 1))
+    quality = estimate([record_of(u, u + 0.1 * rng.normal(size=u.shape))], ALL_PERIODS, lines).quality
+    assert quality is not None
+    np.testing.assert_allclose(quality.excited.noise, np.sqrt(quality.output_noise / 5))

@@ -10,7 +10,7 @@ from plants.steady_record import AUTO, LINES, RATE, N, periods_of, steady_record
 
 from elastid.base.errors import DataError, StudyError
 from elastid.frf.estimate import estimate
-from elastid.frf.spectra import single_logs, whole_logs
+from elastid.frf.spectra import RecordSpectra, reference_spectrum, refuse_uncomputable, single_logs, whole_logs
 from elastid.record import MOTION_ORDER, Motion
 
 
@@ -132,3 +132,26 @@ def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log
     with pytest.raises(DataError, match=r"log 2: y at .* is NaN or infinite from sample 5 on"):
         whole_logs([replace(record, y=y, left_out=())])
     assert len(whole_logs([replace(record, left_out=()), steady_record()])) == 3
+
+
+def test_the_reference_has_the_amplitudes_of_a_torque_and_none_where_it_was_not_recorded() -> None:
+    """Its mean over the periods, in Nm."""
+    record = steady_record()
+    U = periods_of(record, LINES, "velocity").U.mean(axis=0)
+    R = reference_spectrum(RecordSpectra(replace(record, r=record.u)), LINES)
+    assert R is not None
+    np.testing.assert_allclose(R, U)
+    assert reference_spectrum(RecordSpectra(record), LINES) is None
+
+
+@pytest.mark.parametrize(
+    ("size", "is_refused"), [(0.0, False), (1e-50, False), (1e-70, True), (1e50, False), (1e70, True)]
+)
+def test_a_channel_whose_squares_overflow_or_vanish_is_refused(size: float, is_refused: bool) -> None:
+    """A channel of zeros has no squares that vanish by rounding."""
+    record = replace(steady_record(), y=np.full(steady_record().y.shape, size))
+    if is_refused:
+        with pytest.raises(DataError, match="in SI units, which no sensor can"):
+            refuse_uncomputable(record)
+    else:
+        refuse_uncomputable(record)

@@ -4,12 +4,14 @@ import pickle
 
 import numpy as np
 import pytest
+from plants.linkages import LOWER, linkage
 
 from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.formulation import serial
+from elastid.model.formulation import formulate, serial
+from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Rod, Spring
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
 
@@ -124,3 +126,37 @@ def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
         equilibrium(model, model.theta, Configuration("straight", [0.3, 0.0, 0.2]))
     bent = equilibrium(model, model.theta, Configuration("bent", [0.3, 0.8, 0.2]))
     np.testing.assert_allclose(bent.q[:3], [0.3, 0.8, 0.2], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("variant", "rows", "springs"),
+    [
+        ("exact", 0, {"k_2", "k_3", "k_b2", "k_rod"}),
+        ("bending_outside", 0, {"k_2", "k_3", "k_b2", "k_rod"}),
+        ("lumped_rod", 0, {"k_2", "k_3", "k_b2", "k_rod"}),
+        ("rigid_loop", 2, {"k_2", "k_3", "k_b2"}),
+        ("series_stiffness", 2, {"k_2", "k_3", "k_b2", "k_rod"}),
+        ("constant_stiffness", 2, {"k_2", "k_3", "k_b2", "k_rod"}),
+    ],
+)
+def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(
+    variant: Variant, rows: int, springs: set[str]
+) -> None:
+    """A loop and an elastic joint in it: two rows where nothing gives in the loop, none where its rod is cut."""
+    model = formulate(linkage(bends=True), ModelSpec("minimal", variant))
+    assert (model.n_c, set(model.springs)) == (rows, springs)
+
+
+def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for() -> None:
+    """An elastic rod has a coordinate of its own in the constrained one; a rigid one is a row in both."""
+    assert (formulate(robot()).n_c, formulate(robot()).independent) == (0, None)
+    elastic, rigid = linkage(), linkage(Rod(LOWER, 6.2))
+    assert (formulate(elastic).n_c, formulate(elastic).coordinates[-1]) == (1, "rod rod")
+    assert "rod rod" not in formulate(rigid).coordinates
+    for spec, independent in ((ModelSpec("constrained"), None), (ModelSpec("minimal"), ())):
+        model = formulate(rigid, spec)
+        assert (model.n_c, model.independent) == (1, independent)
+    with pytest.raises(StudyError, match=r"model\.formulation: robot linkage has loops \(rod\)"):
+        formulate(rigid, ModelSpec("serial"))
+    with pytest.raises(StudyError, match=r"model\.independent: 'joint nope' is no coordinate"):
+        formulate(rigid, ModelSpec("minimal", independent=("joint 2", "joint nope")))

@@ -10,17 +10,16 @@ from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 
 from elastid.base.errors import StudyError
-from elastid.linear.equilibrium import equilibrium, rigid_posture
+from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.closed_posture import rates
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.robot import Anchor, Body, Joint, Loop, Motor, Pin, Placement, Robot, Rod, Spring
+from elastid.robot import Anchor, Body, Joint, Loop, Pin, Placement, Robot, Rod
 
 LINES = np.geomspace(1, 150, 60)
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
@@ -281,55 +280,6 @@ def test_holding_torques_are_the_slope_of_the_energy():
         slope = [(energy(angles + step * e) - energy(angles - step * e)) / (2 * step) for e in np.eye(3)]
         u = equilibrium(model, model.theta, Configuration("c", angles)).u
         np.testing.assert_allclose(u, slope, rtol=1e-5, atol=1e-3)
-
-
-def test_a_parallelogram_keeps_the_direction_of_its_upper_arm():
-    """The crank drives the absolute angle: the elbow turns by q3 - q2."""
-    robot = PLANTS["parallelogram, rigid"]
-    model = formulate(robot)
-    for at in postures(robot, 3):
-        q = model.index("joint elbow")
-        posture = rigid_posture(model, at)
-        assert posture[q] == pytest.approx(at.angles[1] - at.angles[0], abs=1e-9)
-        T = rates(robot, posture[None, : len(robot.joints)])[0]
-        np.testing.assert_allclose(T[q], [-1, 1], atol=1e-9)
-
-
-def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so():
-    """The other branch of a four-bar is another mechanism, followed to the same configuration."""
-    robot, at = PLANTS["four-bar, rigid"], Configuration("c", (0.5, 0.3))
-    *others, upper = robot.bodies
-    flipped = replace(robot, bodies=(*others, replace(upper, joints=(Joint("elbow", "y", start=2.6),))))
-    elbows = []
-    for one in (robot, flipped):
-        model = formulate(one)
-        point = equilibrium(model, model.theta, at)
-        assert np.abs(model.constraint(point.q, model.theta).full()).max() < 1e-10
-        elbows.append(point.q[model.index("joint elbow")])
-    assert abs(elbows[1] - elbows[0]) > 1.0
-
-
-def wrong(robot: Robot, angles=(0.0, 0.0)) -> str:
-    with pytest.raises(StudyError) as caught:
-        response(robot, CONSTRAINED, Configuration("pose", angles))
-    return str(caught.value)
-
-
-def test_what_is_wrong_with_a_loop_is_said():
-    """How much stays open and where; what is locked, left free, folded up."""
-    said = wrong(linkage(Rod(2.0)))
-    assert "pose: loop rod does not close at the start posture" in said
-    assert "the rod is 2000 mm" in said
-    assert "joint elbow may fold over" in wrong(PLANTS["parallelogram, rigid"], (0.0, -1.57))
-    geared = Joint("elbow", "y", Spring(1e5), Motor(1e-3, 50))
-    robot = PLANTS["parallelogram, rigid"]
-    locked = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=(geared,))))
-    assert "lock 2, 3, elbow" in wrong(locked, (0.0, 0.0, 0.0))
-    loose = (Joint("elbow", "y"), Joint("twist", (-LEVER, 0.0, 0.0)))
-    free = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=loose)))
-    assert "leave joint twist undetermined" in wrong(free)
-    far_off = linkage(Rod(0.75), crank=0.45)
-    assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
 
 
 def test_what_no_loop_can_be_is_refused():
