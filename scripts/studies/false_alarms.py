@@ -15,12 +15,11 @@ with a rate quotes it, as `False alarms of 300 clean logs: spikes-replaced 2, sp
 quoted count agrees with this run by the 95 % intervals of both, and that no judgement has alarms in 1 % of the sets or
 more, but those that state their own rate in their words. The last line is one JSON object.
 
-300 sets: in a slow wander the first period, the drift of whose end is known from one side only, looks like a transient
-in 2, and like no repetition in 2; the line next to the wander is left out as weak in 2; 2 have a spike; in 1, of one
-realisation of two periods, a spring is suspected. Validation finds an excess of the cost in 4, by a test that says of
-itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none. True
-are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of with
-three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
+300 sets: no period is left out; the line next to a slow wander is left out as weak in 2; 2 have a spike; in 1, of one
+realisation of two periods, a spring is suspected. Validation finds an excess of the cost in 4, by a test that
+says of itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none.
+True are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of
+with three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
