@@ -62,6 +62,7 @@ from elastid.frf.peaks import peaks
 from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.study import load
 from elastid.validation.agreement import validate
@@ -172,7 +173,7 @@ def judged(number: int, seed: int, rig: str) -> Alarms:
 
 def true_of(kind: Kind) -> dict[str, str]:
     """Alarms that are true of a kind, and why."""
-    true = {}
+    true: dict[str, str] = {}
     if kind.step:
         true |= dict.fromkeys(("periods-left-out", "transient-left-out"), "the period with the step differs")
     if kind.carrier and kind.axes > 1 and not kind.has_reference:
@@ -215,7 +216,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})
 
 
-def _of_responses(responses: Iterable[Response], robot: Robot) -> dict[str, str]:
+def _of_responses(responses: Iterable[FrequencyResponse], robot: Robot) -> dict[str, str]:
     """Notes on responses, and peaks that no spring of the robot makes."""
     codes = _codes(note for response in responses for note in response.notes)
     springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
