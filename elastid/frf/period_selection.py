@@ -35,7 +35,7 @@ from elastid.frf.spectra import PeriodSpectra
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 2, periods-left-out 2."""
+    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 0, periods-left-out 0."""
 
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
@@ -44,7 +44,7 @@ class Limits:
     periods: int = 5  # an outlier cannot be identified among fewer
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
-    scatter: float = 0.6  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
+    scatter: float = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
     lines: int = 500  # evenly taken, that give a distance as well as all
     compared: int = 512  # periods with which each period of a longer record is compared,
     least_compared: int = 32  # or down to so few
@@ -195,7 +195,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     distant = Distances(D, typical, limit)
     if not distant.far.any():
         return distant
-    # Noise on few lines, such as a slow wander, scatters more: the logarithms of distances by 0.6 / sqrt(n_noisy).
+    # Noise on few lines, such as a slow wander, scatters more: the logarithms of distances by 0.8 / sqrt(n_noisy).
     V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)

@@ -15,12 +15,11 @@ with a rate quotes it, as `False alarms of 300 clean logs: spikes-replaced 2, sp
 quoted count agrees with this run by the 95 % intervals of both, and that no judgement has alarms in 1 % of the sets or
 more, but those that state their own rate in their words. The last line is one JSON object.
 
-300 sets: in a slow wander the first period, the drift of whose end is known from one side only, looks like a transient
-in 2, and like no repetition in 2; the line next to the wander is left out as weak in 2; 2 have a spike; in 1, of one
-realisation of two periods, a spring is suspected. Validation finds an excess of the cost in 4, by a test that says of
-itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none. True
-are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of with
-three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
+300 sets: no period is left out; the line next to a slow wander is left out as weak in 2; 2 have a spike; in 1, of one
+realisation of two periods, a spring is suspected. Validation finds an excess of the cost in 4, by a test that
+says of itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none.
+True are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of
+with three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -63,6 +62,7 @@ from elastid.frf.peaks import peaks
 from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.study import load
 from elastid.validation.agreement import validate
@@ -173,7 +173,7 @@ def judged(number: int, seed: int, rig: str) -> Alarms:
 
 def true_of(kind: Kind) -> dict[str, str]:
     """Alarms that are true of a kind, and why."""
-    true = {}
+    true: dict[str, str] = {}
     if kind.step:
         true |= dict.fromkeys(("periods-left-out", "transient-left-out"), "the period with the step differs")
     if kind.carrier and kind.axes > 1 and not kind.has_reference:
@@ -216,7 +216,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})
 
 
-def _of_responses(responses: Iterable[Response], robot: Robot) -> dict[str, str]:
+def _of_responses(responses: Iterable[FrequencyResponse], robot: Robot) -> dict[str, str]:
     """Notes on responses, and peaks that no spring of the robot makes."""
     codes = _codes(note for response in responses for note in response.notes)
     springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
