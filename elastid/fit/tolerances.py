@@ -72,7 +72,7 @@ def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> Pa
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         own = tolerances.get(name)
-        if own is None or name in asked or (number.value == 0 and own.kind != "center_of_mass"):
+        if own is None or name in asked or (number.value == 0 and own.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in known)
         elif own.factor:
             factors[own.factor] = replace(_within(Parameter(own.factor, 1.0, log=True), own.std), ratio=True)
@@ -222,5 +222,6 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
 
 
 def _stated(parameter: Parameter, std: float) -> str:
-    is_length = parameter.unit == "m" and not parameter.log
-    return f"{parameter.name} known to {f'{1e3 * std:.2g} mm' if is_length else f'{100 * std:.2g} %'}"
+    in_unit = {"m": f"{1e3 * std:.2g} mm", "rad": f"{math.degrees(std):.2g} deg"}
+    size = f"{100 * std:.2g} %" if parameter.log else in_unit.get(parameter.unit, f"{std:.2g} {parameter.unit}")
+    return f"{parameter.name} known to {size}"
