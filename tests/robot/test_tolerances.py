@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -22,6 +23,7 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
     assert (std["c_upper_x"], std["c_fore_x"]) == (0.01, 0.0)
     assert (std["I_fore_yy"], std["Jm_1"], std["p_fore_z"]) == (0.1, 0.05, 2e-4)
     assert std["Jm_2"] == 0.02
+    assert std["zero_1"] == pytest.approx(math.radians(0.2))
     assert {std[name] for name in ("k_1", "d_1", "f_1", "fm_1")} == {0.0}
 
 
