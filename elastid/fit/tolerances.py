@@ -27,7 +27,8 @@ from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
 from elastid.fit.spec import FitSpec
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.robot import BodyTolerances, Robot, Tolerances
+from elastid.robot import BASE, BodyTolerances, Robot, Tolerances, unit_axis
+from elastid.robot.placement import Path
 from elastid.robot.tolerances import Exact, kind_of
 
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
@@ -111,10 +112,19 @@ def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
         factor = f"I_{owner}" if path[-2] == "inertia" else ""
         is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
-        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass:
+        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
             yield _Tolerance(name, owner, kind_of(path), std, factor)
     if (std := robot.tolerances.torque_constant_std) > 0:
         yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+
+
+def _turns_all(robot: Robot, path: Path) -> bool:
+    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    if path[-1] != "zero" or robot.loops or robot.compensators:
+        return False
+    body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
+    axis = body.placement.rotation @ unit_axis(joint.axis)
+    return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
 
 
 def has_tolerances(robot: Robot) -> bool:

@@ -131,12 +131,15 @@ def test_numbers_that_a_study_frees_or_fixes_itself_stay_as_it_says() -> None:
     assert "I_upper" in parameters.free_names
 
 
-def test_a_body_without_mass_has_no_centre_that_could_be_off() -> None:
-    """A rotor of a bench, of which the inertia alone is known."""
+def test_numbers_that_no_response_shows_have_no_tolerance() -> None:
+    """The centre of a body without mass, and the zero of an axis about gravity that turns the whole robot."""
     joint = Joint("1", "z", Spring(50, 0.01), Motor(1e-3, 1, 1e-3))
-    bench = Robot("bench", (Body("load", joints=(joint,), inertia=1e-3),), tolerances=Tolerances())
+    load = Body("load", joints=(joint,), inertia=1e-3)
+    bench = Robot("bench", (load,), gravity=(0, 0, -9.81), tolerances=Tolerances())
     tolerated = {p.name for p in with_tolerances(choose(SPEC, bench), bench, SPEC) if p.tolerated}
-    assert tolerated == {"I_load", "Jm_1", "zero_1"}
+    assert tolerated == {"I_load", "Jm_1"}
+    on_a_wall = replace(bench, gravity=(9.81, 0, 0))
+    assert with_tolerances(choose(SPEC, on_a_wall), on_a_wall, SPEC)["zero_1"].tolerated
 
 
 def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
