@@ -8,6 +8,10 @@ springs and dampers by 20 %; the responses have 1 % of noise. The fit takes the 
 the share of 95 % intervals of k and d that hold the truth, misfits, the worst error of a stiffness, and CPU time over
 that of a fit of the same robot with an exact file, and of the same data with the file held. Over all draws 94 to 96 %
 of the intervals must hold, and 99 % of the fits converge. The last line is one JSON object.
+
+Two axes without errors of the zeros, 120 draws: 96.5 % of 480 intervals, all converged, stiffnesses within 0.24 %, 1.5
+times the time of an exact robot and 0.98 of that with the file held. Of the linkage 50 draws and of six axes 4 all
+converged; full counts of these, of the demo and with zeros are still to be made.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
