@@ -27,7 +27,8 @@ from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
 from elastid.fit.spec import FitSpec
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.robot import BodyTolerances, Robot, Tolerances
+from elastid.robot import BASE, BodyTolerances, Robot, Tolerances, unit_axis
+from elastid.robot.placement import Path
 from elastid.robot.tolerances import Exact, kind_of
 
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
@@ -72,7 +73,7 @@ def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> Pa
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         own = tolerances.get(name)
-        if own is None or name in asked or (number.value == 0 and own.kind != "center_of_mass"):
+        if own is None or name in asked or (number.value == 0 and own.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in known)
         elif own.factor:
             factors[own.factor] = replace(_within(Parameter(own.factor, 1.0, log=True), own.std), ratio=True)
@@ -111,10 +112,19 @@ def _tolerances(robot: Robot) -> Iterator[_Tolerance]:
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
         factor = f"I_{owner}" if path[-2] == "inertia" else ""
         is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
-        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass:
+        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
             yield _Tolerance(name, owner, kind_of(path), std, factor)
     if (std := robot.tolerances.torque_constant_std) > 0:
         yield from (_Tolerance(n, "", "torque_constant", std) for n in robot.gains if n.startswith("gain_u_"))
+
+
+def _turns_all(robot: Robot, path: Path) -> bool:
+    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    if path[-1] != "zero" or robot.loops or robot.compensators:
+        return False
+    body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
+    axis = body.placement.rotation @ unit_axis(joint.axis)
+    return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
 
 
 def has_tolerances(robot: Robot) -> bool:
@@ -222,5 +232,6 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
 
 
 def _stated(parameter: Parameter, std: float) -> str:
-    is_length = parameter.unit == "m" and not parameter.log
-    return f"{parameter.name} known to {f'{1e3 * std:.2g} mm' if is_length else f'{100 * std:.2g} %'}"
+    in_unit = {"m": f"{1e3 * std:.2g} mm", "rad": f"{math.degrees(std):.2g} deg"}
+    size = f"{100 * std:.2g} %" if parameter.log else in_unit.get(parameter.unit, f"{std:.2g} {parameter.unit}")
+    return f"{parameter.name} known to {size}"

@@ -50,9 +50,9 @@ class ElasticModel:
         mass(q, theta) -> M (n_q, n_q)                      force(q, v, theta) -> f (n_q,)
         constraint(q, theta) -> phi (n_c,)                  potential_gradient(q, theta) -> dV/dq (n_q,)
         damping(q, theta) -> D (n_q, n_q), Hessian of R     stiffness(q, lambda_, theta) -> Hessian of V + lambda^T phi
-        angular_velocity(q) -> J (3 n_bodies, n_q): J v is the absolute angular velocity of each body in its own axes
+        angular_velocity(q, theta) -> J (3 n_bodies, n_q): J v is the angular velocity of each body in its own axes
         frame_velocity(q, theta) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
-        frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
+        frame_gravity(q, theta) -> g (3 n_f,): gravity in the axes of each named frame
         constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
         strain(q, theta) -> tangent stiffness c (n_s,) and rows b (n_s, n_q) of deflections b dq
 
@@ -159,8 +159,8 @@ class ElasticModel:
         small rotation phi of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi =
         -[g x] J_omega q.
         """
-        rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q), self.frame_velocity(q, theta)))
-        rates, gravity = dict(zip(self.rates, rows, strict=True)), self.frame_gravity(q)
+        rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q, theta), self.frame_velocity(q, theta)))
+        rates, gravity = dict(zip(self.rates, rows, strict=True)), self.frame_gravity(q, theta)
         names, coordinates = [frame.name for frame in self.robot.frames], ca.DM.eye(self.n_q)
         C, T = [], []
         for place in locations:

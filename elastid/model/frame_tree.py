@@ -35,7 +35,7 @@ class BodyFrame:
     """A joint's frame: constant rotation R (3, 3) and origin p (3,) in the parent frame, then a turn about `axis`.
 
     parent: index of the frame it is carried by, -1 for the base.  axis: 0, 1, 2 of its own x, y, z.  slides: the joint
-    moves the frame along the axis instead of turning it about it.
+    moves the frame along the axis instead of turning it about it.  zero: rad, added to the angle of the turn.
     """
 
     parent: int
@@ -43,6 +43,11 @@ class BodyFrame:
     p: Point
     axis: int
     slides: bool = False
+    zero: Any = 0.0
+
+    def angle(self, q: Any) -> Any:
+        """Of the turn at the position q of the joint; q itself, to the last bit, where the zero is right."""
+        return q if isinstance(self.zero, float) and self.zero == 0 else q + self.zero
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,8 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
             moved = seat.placed(align, point)
-            frames.append(BodyFrame(moved.frame, moved.R, moved.p, axis, joint.slides))
+            zero = theta.get(f"zero_{joint.name}", joint.zero)
+            frames.append(BodyFrame(moved.frame, moved.R, moved.p, axis, joint.slides, zero))
             back = Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point)
             seat = replace(back, R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
@@ -169,7 +175,7 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
     return tuple(
         Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q[i])
         if frame.slides
-        else Turn(frame.axis, ca.cos(q[i]), ca.sin(q[i]), ca.SX(frame.p))
+        else Turn(frame.axis, ca.cos(frame.angle(q[i])), ca.sin(frame.angle(q[i])), ca.SX(frame.p))
         for i, frame in enumerate(layout.frames)
     )
 

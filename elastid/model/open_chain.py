@@ -141,9 +141,9 @@ def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ..
         "potential_gradient": (("q", "theta"), {"g": ca.gradient(V, q)}),
         "potential": (("q", "theta"), {"V": V}),
         "constraint_jacobian": (("q", "theta"), {"Phi": ca.jacobian(equations.phi, q)}),
-        "angular_velocity": (("q",), {"J": equations.J[:n_b, :]}),
+        "angular_velocity": (("q", "theta"), {"J": equations.J[:n_b, :]}),
         "frame_velocity": (("q", "theta"), {"J": equations.J[n_b:, :]}),
-        "frame_gravity": (("q",), {"g": equations.gravity}),
+        "frame_gravity": (("q", "theta"), {"g": equations.gravity}),
         "strain": (("q", "theta"), {"c": stiffness, "b": ca.jacobian(deflection, q)}),
     }
     functions: dict[str, Any] = {

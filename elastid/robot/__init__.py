@@ -26,7 +26,8 @@ c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place 
 
 So has its geometry, in m, which is identified only where a study names it: p_arm_x (placement of body arm), pj_1_x
 (point that the axis of joint 1 goes through), pc1_cyl_x and pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x and
-l_l (ends of loop l, length of its rod). And so have the gains of the channels: gain_y_joint_1, gain_u_motor_1.
+l_l (ends of loop l, length of its rod), and zero_1 in rad (error of the zero of joint 1). And so have the gains of the
+channels: gain_y_joint_1, gain_u_motor_1.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import (
+    Angle,
     Damping,
     Inertia,
     JointAcceleration,
@@ -155,11 +156,15 @@ class Joint:
         "Whatever follows stays where it would be without the joint: a link of length l that bends at l1 is one joint "
         "at [0, 0, l1] and nothing else.", "for elastic joints inside a link; two joints at different points stand for "
         "a beam that bends.")] = (0.0, 0.0, 0.0)
+    zero: Annotated[Angle, Key("Error of the zero of a rotation: the joint stands at its position plus this.", "as a "
+        "calibration of the robot, or a fit within the tolerance of angles, has found it.")] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
         unit_axis(self.axis)
         require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
+        if self.slides and self.zero:
+            raise ValueError(f"joint {self.name}: it slides, so that its place is that of its body; leave out zero")
         if self.slides and any(self.point):
             raise ValueError(
                 f"joint {self.name}: it slides, so that the place of its axis has no effect; leave out point"
@@ -206,8 +211,11 @@ class Joint:
 
     @property
     def geometry(self) -> Numbers:
-        """pj_: the point that the axis of a rotation goes through."""
-        return {} if self.slides else coordinates(f"pj_{self.name}", ("point",))
+        """pj_: the point that the axis of a rotation goes through; zero_ of a driven one: the error of its zero."""
+        if self.slides:
+            return {}
+        zero: Numbers = {f"zero_{self.name}": ("rad", ("zero",))} if self.motor is not None else {}
+        return coordinates(f"pj_{self.name}", ("point",)) | zero
 
     @property
     def unit(self) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import PartName
 from elastid.base.section import Key, section
-from elastid.base.units import Length, Ratio
+from elastid.base.units import Angle, Length, Ratio
 from elastid.robot.placement import Path
 
 Exact: TypeAlias = Literal["exact"]
@@ -15,7 +16,7 @@ OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatte
 
 
 def _check(owner: object, where: str) -> None:
-    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "torque_constant"):
+    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "angle", "torque_constant"):
         value = getattr(owner, key, None)
         if isinstance(value, float | int) and not 0 < value < float("inf"):
             raise ValueError(f"{where}{key} is {value:g}; it must be positive, or exact")
@@ -38,6 +39,8 @@ class BodyTolerances:
         "2 mm where it was balanced on an edge.")] = None
     length: Annotated[Length | Exact | None, Key("Standard deviation of the lengths of its joints and "
         "placement.", "`exact` for a link that was measured on a coordinate measuring machine.")] = None
+    angle: Annotated[Angle | Exact | None, Key("Standard deviation of the zeros of its joints.", "0.02 deg for axes "
+        "whose zero was set with a dial gauge.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -62,6 +65,9 @@ class Tolerances:
         "3 mm for small robots; in proportion to the length of the links.")] = 0.01
     length: Annotated[Length | Exact, Key("Standard deviation of lengths and places of joints that are not zero.",
         "0.1 mm for a calibrated robot; 5 mm where they were measured with a ruler.")] = 1e-3
+    angle: Annotated[Angle | Exact, Key("Standard deviation of the zeros of driven joints that turn: the angles of all "
+        "postures are off by them.", "0.02 deg after a calibration, 1 deg where marks were brought into line by "
+        "eye.")] = math.radians(0.2)
     torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
         "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
         "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "
@@ -98,6 +104,8 @@ def kind_of(path: Path) -> str:
     last = keys[-1]
     if last == "inertia":
         return "motor_inertia" if "motor" in keys else "inertia"
+    if last == "zero":
+        return "angle"
     if last in ("mass", "center_of_mass"):
         return last
     is_length = last in ("xyz", "length") or (last == "point" and "compensators" not in keys)

@@ -87,7 +87,9 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
 
 def test_a_file_that_is_exact_gives_the_same_as_none() -> None:
     """To the last bit."""
-    held = Tolerances(mass="exact", inertia="exact", motor_inertia="exact", center_of_mass="exact", length="exact")
+    held = Tolerances(
+        mass="exact", inertia="exact", motor_inertia="exact", center_of_mass="exact", length="exact", angle="exact"
+    )
     exact, none = (fitted(4, each) for each in (held, None))
     np.testing.assert_array_equal(exact.x, none.x)
     np.testing.assert_array_equal(exact.covariance, none.covariance)
@@ -108,7 +110,7 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)
     free = parameters.free_names
     assert [p.name for p in parameters.wanted] == list(free[:6])
-    assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z"} <= set(free[6:])
+    assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z", "zero_2"} <= set(free[6:])
     assert not {"p_fore_x", "pj_2_x", "I_upper_xx"} & set(free)
     assert parameters["p_fore_z"].prior is not None
     x = parameters.x
@@ -129,12 +131,15 @@ def test_numbers_that_a_study_frees_or_fixes_itself_stay_as_it_says() -> None:
     assert "I_upper" in parameters.free_names
 
 
-def test_a_body_without_mass_has_no_centre_that_could_be_off() -> None:
-    """A rotor of a bench, of which the inertia alone is known."""
+def test_numbers_that_no_response_shows_have_no_tolerance() -> None:
+    """The centre of a body without mass, and the zero of an axis about gravity that turns the whole robot."""
     joint = Joint("1", "z", Spring(50, 0.01), Motor(1e-3, 1, 1e-3))
-    bench = Robot("bench", (Body("load", joints=(joint,), inertia=1e-3),), tolerances=Tolerances())
+    load = Body("load", joints=(joint,), inertia=1e-3)
+    bench = Robot("bench", (load,), gravity=(0, 0, -9.81), tolerances=Tolerances())
     tolerated = {p.name for p in with_tolerances(choose(SPEC, bench), bench, SPEC) if p.tolerated}
     assert tolerated == {"I_load", "Jm_1"}
+    on_a_wall = replace(bench, gravity=(9.81, 0, 0))
+    assert with_tolerances(choose(SPEC, on_a_wall), on_a_wall, SPEC)["zero_1"].tolerated
 
 
 def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:

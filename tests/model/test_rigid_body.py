@@ -145,7 +145,7 @@ def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
     pin.computeJointJacobians(reference, data, q_pin)
     pin.updateFramePlacements(reference, data)
     local = model.frame_velocity(q, model.theta).full().reshape(-1, 6, n)
-    gravity = model.frame_gravity(q).full().reshape(-1, 3)
+    gravity = model.frame_gravity(q, model.theta).full().reshape(-1, 3)
     for i, frame in enumerate(robot.frames):
         index = reference.getFrameId(frame.name)
         pose = frame_poses(robot, q[None], frame.name)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from plants.elastic_arm import arm
 
+from elastid.model.formulation import serial
 from elastid.robot import Friction, Joint, Limits, Motor, Spring
 
 
@@ -39,3 +42,18 @@ def test_a_spring_of_the_gear_or_of_the_shaft_makes_a_driven_joint_flexible() ->
     flexible = [Joint("1", spring=spring, motor=motor), Joint("1", motor=Motor(1e-3, spring=spring))]
     assert [joint.is_flexible for joint in flexible] == [True, True]
     assert [joint.is_flexible for joint in (Joint("1", motor=motor), Joint("1", spring=spring))] == [False, False]
+
+
+def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> None:
+    """The mass matrix of both is the same; a joint that slides has its place in its body."""
+    robot = arm()
+    off, model = serial(robot.with_parameters({"zero_2": 0.3})), serial(robot)
+    q = np.linspace(-0.5, 0.5, model.n_q)
+    moved = q + 0.3 * (np.arange(model.n_q) == model.index("joint 2"))
+    np.testing.assert_allclose(
+        off.mass(q, off.theta).full(), model.mass(moved, model.theta).full(), rtol=1e-12, atol=1e-12
+    )
+    with pytest.raises(
+        ValueError, match="joint rail: it slides, so that its place is that of its body; leave out zero"
+    ):
+        Joint("rail", motion="translation", zero=0.1)

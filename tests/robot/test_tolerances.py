@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -14,7 +15,9 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
     """Of a body's own where it is listed, else those of all; springs and friction have none."""
     robot = arm()
     weighed = Tolerances(
-        bodies=(BodyTolerances("fore", mass=0.005, motor_inertia=0.02, center_of_mass="exact", length=2e-4),)
+        bodies=(
+            BodyTolerances("fore", mass=0.005, motor_inertia=0.02, center_of_mass="exact", length=2e-4, angle=1e-4),
+        )
     )
     paths = {name: path for name, (_, path) in (robot.numbers | robot.geometry).items()}
     std = {name: weighed.std(path, robot.bodies[path[1]].name) for name, path in paths.items()}
@@ -22,6 +25,7 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
     assert (std["c_upper_x"], std["c_fore_x"]) == (0.01, 0.0)
     assert (std["I_fore_yy"], std["Jm_1"], std["p_fore_z"]) == (0.1, 0.05, 2e-4)
     assert std["Jm_2"] == 0.02
+    assert (std["zero_1"], std["zero_2"]) == (pytest.approx(math.radians(0.2)), 1e-4)
     assert {std[name] for name in ("k_1", "d_1", "f_1", "fm_1")} == {0.0}
 
 

@@ -68,12 +68,14 @@ class HeldModel:
         channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [gain_name("y", place) for place in sorted(outputs) if place in robot.locations]
+        known = assembly.parameters.names  # zeros that are held are among the postures' angles
+        places = tuple(name for name in robot.geometry if not name.startswith("zero_") or name in known)
         refused: ElastidError | ValueError | None = None
         for (extended, rigid), geometry in (
-            (_with_torsions(_with_payload(robot)), tuple(robot.geometry)),
-            ((_with_payload(robot), {}), tuple(robot.geometry)),
-            ((_with_payload(robot), {}), assembly.parameters.names),
-            ((robot, {}), assembly.parameters.names),
+            (_with_torsions(_with_payload(robot)), places),
+            ((_with_payload(robot), {}), places),
+            ((_with_payload(robot), {}), known),
+            ((robot, {}), known),
         ):
             try:
                 held = cls(Linearisation.of_robot(extended, assembly.model, (*geometry, *channels)), rigid)
