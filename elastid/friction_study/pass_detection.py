@@ -88,11 +88,11 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
     for i in peaks:
         low, high = (i if position[i] < position[low] else low), (i if position[i] > position[high] else high)
         if sign >= 0 and position[high] - position[i] > far:
-            turns, sign, low = [*turns, high], -1, i
-            high = i
+            turns.append(high)
+            sign, low, high = -1, i, i
         elif sign <= 0 and position[i] - position[low] > far:
-            turns, sign, high = [*turns, low], 1, i
-            low = i
+            turns.append(low)
+            sign, low, high = 1, i, i
     return list(zip(turns, [*turns[1:], len(position)], strict=True))
 
 

@@ -105,7 +105,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    rows = [assessed(*one) for one in logs_of(4 if given.quick else given.draws, given.seed)]
+    rows = [assessed(*draw) for draw in logs_of(4 if given.quick else given.draws, given.seed)]
     for row in rows:
         print("  ".join(f"{name} {value:.4g}" for name, value in row.items()))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -55,7 +55,8 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     v = np.gradient(second.position) * RATE
     sticking = replace(second, torque=second.torque + 30.0 * (np.abs(v) < 1e-3 * np.abs(v).max()))
     fits = [
-        regress_robot_motion(two_axes(), [RobotLog(one, {})]).friction for one in (log, {"1": log["1"], "2": sticking})
+        regress_robot_motion(two_axes(), [RobotLog(motions, {})]).friction
+        for motions in (log, {"1": log["1"], "2": sticking})
     ]
     assert not fits[0]["1"].misfit
     assert sum(fits[0]["2"].seconds.values()) == pytest.approx(20.0)
