@@ -110,7 +110,8 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     run = _longest_run(change < PLATEAUS.steady_share * travel)
     if run.stop - run.start < w:
         return None
-    inner = slice(first + run.start, first + run.stop + 2 * w)
+    # The outer windows may reach into ramps, by as much as their means allow.
+    inner = slice(first + run.start + w // 2, first + run.stop + 2 * w - w // 2)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
