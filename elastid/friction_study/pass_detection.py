@@ -88,11 +88,11 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
     for i in peaks:
         low, high = (i if position[i] < position[low] else low), (i if position[i] > position[high] else high)
         if sign >= 0 and position[high] - position[i] > far:
-            turns, sign, low = [*turns, high], -1, i
-            high = i
+            turns.append(high)
+            sign, low, high = -1, i, i
         elif sign <= 0 and position[i] - position[low] > far:
-            turns, sign, high = [*turns, low], 1, i
-            low = i
+            turns.append(low)
+            sign, low, high = 1, i, i
     return list(zip(turns, [*turns[1:], len(position)], strict=True))
 
 
@@ -110,7 +110,8 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     run = _longest_run(change < PLATEAUS.steady_share * travel)
     if run.stop - run.start < w:
         return None
-    inner = slice(first + run.start, first + run.stop + 2 * w)
+    # The outer windows may reach into ramps, by as much as their means allow.
+    inner = slice(first + run.start + w // 2, first + run.stop + 2 * w - w // 2)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)

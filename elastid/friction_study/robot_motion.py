@@ -239,7 +239,8 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     torque = np.stack([each.torque for each in signals.values()], axis=1)
     used = np.stack([each.used for each in signals.values()], axis=1)
     X, R, y = first.filtered(X), first.filtered(rigid), first.filtered(torque)
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.zeros((len(y), 0)))
+    states = [each.filtered(state) for each in signals.values() for state in (each.position, each.velocity)]
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
 
 
 def _both_equations(
@@ -258,17 +259,17 @@ def _shifts_between_bands(
     chosen: IntArray,
     passband_hz: float,
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Of the numbers of both regressions, from all of the band to its narrow part, and their std; none without it."""
-    joints = tuple(signals[0])
+    """Of the numbers of both regressions, from all of the band to its narrow part, and their std; empty without it."""
+    joints, none = tuple(signals[0]), 2 * [(np.zeros(0), np.zeros(0))]
     try:
         narrow = [
             {joint: MotionSignals.of(log.motions[joint], LIMITS.narrow * passband_hz) for joint in joints}
             for log in logs
         ]
     except DataError:
-        return []
+        return none
     if any(each.used.all() for log in narrow for each in log.values()):
-        return []
+        return none
     inner, thinned = [], []
     for log, own in zip(narrow, signals, strict=True):
         kept = slice(log[joints[0]].kept.start, log[joints[0]].kept.stop, own[joints[0]].kept.step)
@@ -295,13 +296,14 @@ def _of_joint(
     )
     refuse_driving(motion.place, shared)
     chance = directed.chance("directions.viscous", 0)
-    texts = ["", ""]
-    if shifts:
-        moved = [(shift[list(own)], std[list(own)]) for (shift, std), own in zip(shifts, places, strict=True)]
-        (shared, texts[0]), (directed, texts[1]) = (
-            _with_shift(numbers, *each, signals[0].passband_hz)
-            for numbers, each in zip((shared, directed), moved, strict=True)
-        )
+    moved = [
+        (shift[list(own)], std[list(own)]) if len(shift) else (np.zeros(len(own)), np.ones(len(own)))
+        for (shift, std), own in zip(shifts, places, strict=True)
+    ]
+    (shared, text), (directed, directed_text) = (
+        _with_shift(numbers, *each, signals[0].passband_hz)
+        for numbers, each in zip((shared, directed), moved, strict=True)
+    )
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
     notes = (_rigid_body_note(motion.place, signals, shared),)
@@ -309,23 +311,27 @@ def _of_joint(
     are_apart = chance < FALSE_ALARM
     return MotionFriction(
         motion, shared, directed, are_apart, chance, plateaus, held, signals[0].passband_hz, notes, seconds,
-        texts[are_apart],
+        directed_text if are_apart else text,
     )  # fmt: skip
 
 
 def _with_shift(numbers: Regression, shift: FloatArray, std: FloatArray, passband_hz: float) -> tuple[Regression, str]:
     """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
     worst = int(np.argmax(np.abs(shift) / np.maximum(std, 1e-300)))
-    stds = abs(shift[worst]) / max(float(std[worst]), 1e-300)
-    if stds <= LIMITS.max_shift:
+    stds, texts = abs(shift[worst]) / max(float(std[worst]), 1e-300), []
+    if stds > LIMITS.max_shift:
+        numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
+        texts.append(
+            f"below {LIMITS.narrow * passband_hz:g} Hz {numbers.names[worst]} is {stds:.2g} std off that below "
+            f"{passband_hz:g} Hz"
+        )
+    if numbers.widening > 1:
+        texts.append(f"the torque that is left repeats with angles or velocities, {numbers.widening:.2g} times chance")
+    error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in ("viscous", "coulomb"))
+    if not texts or error <= LIMITS.max_error:
         return numbers, ""
-    wider = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
-    error, name = max((wider.std(name) / max(abs(wider[name]), 1e-300), name) for name in ("viscous", "coulomb"))
-    if error <= LIMITS.max_error:
-        return wider, ""
-    return wider, (
-        f"below {LIMITS.narrow * passband_hz:g} Hz {numbers.names[worst]} is {stds:.2g} std off that below "
-        f"{passband_hz:g} Hz, so that {name} is known to {error:.0%} only: the rigid body and its friction do not "
+    return numbers, (
+        f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: the rigid body and its friction do not "
         "explain the torque; measure passes of this joint alone, which do not depend on the rigid body"
     )
 

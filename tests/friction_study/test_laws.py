@@ -29,6 +29,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     law = StaticLaw.of(drawn(levels, 0), LawSpec())
     assert len(law.intervals) == 12
     assert set(reasons(law)) == {"directions", "quadratic"}
+    assert "a constant one cannot be distinguished from an offset of the torque" in reasons(law)["directions"]
     for value, _, low, high in law.intervals.values():
         assert low < value < high
     motor = Motor(1e-3, 1.0, law.viscous, friction=law.to_friction())

@@ -24,6 +24,24 @@ def log(rng: np.random.Generator, seconds: float, correlation: float) -> Equatio
     return Equations(X[:, None, :], R[:, None, :], y[:, None], np.zeros((n, 0)))
 
 
+def bursts(rng: np.random.Generator) -> Equations:
+    """A column that is zero but for six moments of a minute, as accelerations of few moves, and white noise."""
+    t = np.arange(round(60 * RATE_HZ)) / RATE_HZ
+    column = np.where(t % 10 < 0.3, np.sin(2 * np.pi * (t % 10) / 0.3), 0.0)
+    y = 3.0 * column + 0.2 * rng.standard_normal(len(t))
+    return Equations(column[:, None, None], np.zeros((len(t), 1, 0)), y[:, None], np.zeros((len(t), 0)))
+
+
+def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> None:
+    """Six moments against a minute of 24 cosines; 95 % of the intervals of 1000 draws hold the truth."""
+    rng = np.random.default_rng(1)
+    fits = [solve([bursts(rng)], RATE_HZ) for _ in range(1000)]
+    assert 4.0 < fits[0].dof[0] < 7.0
+    assert np.all(solve([log(rng, 60.0, 0.0)], RATE_HZ).dof > 18)
+    error = np.array([(fit.beta[0] - 3.0) / np.sqrt(fit.covariance[0, 0]) for fit in fits])
+    assert 0.93 < np.mean(np.abs(error) < 1.96) < 0.97
+
+
 @pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: float, correlation: float) -> None:

@@ -38,13 +38,31 @@ def test_two_logs_know_more_than_one_and_the_rest_is_free_of_the_rigid_body() ->
     assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].motions["2"].torque)
 
 
-def test_what_the_rigid_body_lacks_is_said() -> None:
+def test_a_torque_that_the_rigid_body_lacks_is_said_and_a_misfit() -> None:
     found = regress_robot_motion(two_axes(), [RobotLog(motion(3, missing=20.0), {})]).friction["1"]
+    assert "the rigid body and its friction do not explain the torque" in found.misfit
     (note,) = found.notes
     assert (note.code, note.severity) == ("rigid-body-error", "warning")
     assert "hold only together with it" in note.text
     assert "of what friction takes" in note.text
     assert "directions.coulomb" in [held.part for held in found.held]
+
+
+def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> None:
+    """Torque there is any below break-away: 30 Nm at rest and reversals of the second joint change nothing."""
+    log = motion(6)
+    second = log["2"]
+    v = np.gradient(second.position) * RATE
+    sticking = replace(second, torque=second.torque + 30.0 * (np.abs(v) < 1e-3 * np.abs(v).max()))
+    fits = [
+        regress_robot_motion(two_axes(), [RobotLog(motions, {})]).friction
+        for motions in (log, {"1": log["1"], "2": sticking})
+    ]
+    assert not fits[0]["1"].misfit
+    assert sum(fits[0]["2"].seconds.values()) == pytest.approx(20.0)
+    assert fits[0]["2"].seconds["near a reversal or rest"] > 1.0
+    for name in ("coulomb", "viscous"):
+        assert fits[1]["2"].alike[name] == pytest.approx(fits[0]["2"].alike[name], rel=1e-6)
 
 
 def test_torque_of_the_wrong_sign_is_refused() -> None:
