@@ -273,10 +273,10 @@ def _covariances(
     C_V = S_V * (data.K_e / data.K / dof)
     inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     left = transposed(inverse) * (data.K / data.K_e)
-    noise = kronecker(left, C_V, dof)
-    beta = _leakage(G, noise.variance, segments)
+    beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
-    return noise, kronecker(left, C_V + scaled @ adjoint(scaled), dof), beta, C_V
+    noise, total = (kronecker(left, C, dof) for C in (C_V, C_V + scaled @ adjoint(scaled)))
+    return noise, total, beta, C_V
 
 
 def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
