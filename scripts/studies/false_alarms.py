@@ -20,6 +20,9 @@ realisation of two periods, a spring is suspected. Validation finds an excess of
 says of itself that it does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none.
 True are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of
 with three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
+
+Limits were set with these sets in view. Of 300 others (--seed 2, read and estimated only) 4 leave a line out, 3 a
+period, 2 have a spike, and none a mirrored torque or a transient: 1.3 and 1.0 % of sets, each of four logs on average.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
