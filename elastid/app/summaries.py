@@ -299,7 +299,7 @@ def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, di
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {
             name: getattr(row, name)
-            for name in ("truth", "contains", "by_noise", "by_file")
+            for name in ("truth", "contains", "by_noise", "by_file", "verdict")
             if getattr(row, name) not in (None, "")
         }
         | ({"std_repeated": json_value(repeated[row.name])} if result.has_tolerances else {})

@@ -171,6 +171,7 @@ class FitResult:
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
+    verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
@@ -202,6 +203,7 @@ class FitResult:
     cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     rigid_parts: tuple[RigidPart, ...] = labelled(rows=True, default=())
+    verdicts: tuple[str, ...] = ()
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     repeated: FloatArray = labelled(
         "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS

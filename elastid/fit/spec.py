@@ -213,6 +213,9 @@ class FitSpec:
         "pc1_cyl_z, pj_2b_z.", "name fewer where the report calls parameters ill-conditioned, more where modification "
         "indices ask for them; `k_*: {}` identifies the springs alone and holds all other numbers at those of the "
         "robot.")] = field(default_factory=dict)
+    wanted: Annotated[tuple[str, ...], Key("Parameters that the study is about, by name or pattern: its status is "
+        "theirs, and each parameter has a verdict of its own.", "[k_*] where dampings are by-products; a friction "
+        "coefficient that a wrong model moves then leaves the status alone.")] = ("k_*", "d_*")
     ratios: Annotated[dict[PartName, RatioSpec], Key("Factors that several ties share, by a name of your own: one loss "
         "factor for many springs.", "where dampings are poorly determined one by one: one loss factor for all springs "
         "has a fraction of their variance.")] = field(default_factory=dict)

@@ -151,7 +151,7 @@ class ParameterRow:
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
     contains: in words, of a viscous coefficient that may contain dry friction.  by_noise, by_file: the parts of std by
-    noise and by the tolerances of the robot's file; None where the file is exact.
+    noise and by the tolerances of the robot's file; None where the file is exact.  verdict: of the fit, in words.
     """
 
     name: str
@@ -167,6 +167,7 @@ class ParameterRow:
     contains: str = ""
     by_noise: float | None = None
     by_file: float | None = None
+    verdict: str = ""
 
     @property
     def reference(self) -> float:
@@ -182,7 +183,8 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
-    parts = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ()
+    parts = (result.std_by_noise, result.std_by_file) if result.has_tolerances else (dict[str, float | None](),) * 2
+    verdicts = result.verdicts or ("",) * len(result.parameters.wanted)
     for i, parameter in enumerate(result.parameters.wanted):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
@@ -191,6 +193,6 @@ def parameter_rows(
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
-        contained, of_parts = (contents or {}).get(name, ""), [part[name] for part in parts]
-        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts))
+        contained, of_parts = (contents or {}).get(name, ""), [part.get(name) for part in parts]
+        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts, verdicts[i]))
     return tuple(rows)

@@ -365,7 +365,7 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     assert summary["schema"] == 1
     assert summary["status"] == "converged"
     k_1 = summary["parameters"]["k_1"]
-    assert list(k_1) == ["value", "std", "interval95", "unit", "at_bound", "start", "truth", "std_with_base"]
+    assert list(k_1) == ["value", "std", "interval95", "unit", "at_bound", "start", "truth", "verdict", "std_with_base"]
     assert k_1["truth"] == 60.0
     assert k_1["value"] == pytest.approx(60.0, rel=0.01)
     assert list(summary["modes"][0]) == ["configuration", "frequency_hz", "damping_ratio"]

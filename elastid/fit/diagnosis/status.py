@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
@@ -49,6 +50,8 @@ class MisfitLimits:
 
 
 MISFIT = MisfitLimits()
+# Verdicts on a parameter.
+GOOD, BY_FILE, DOUBTED = "good", "depends on the file", "not to be believed"
 
 
 def with_status(evidence: Evidence) -> FitResult:
@@ -81,10 +84,47 @@ def with_status(evidence: Evidence) -> FitResult:
         return ended("not_converged", f"not converged ({end.message})")
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
-    if misfit := _by_blocks(result, evidence.uncertainty) or _by_held_number(evidence):
+    result = replace(result, verdicts=_verdicts(evidence))
+    if misfit := _by_blocks(evidence) or _by_held_number(evidence):
         return ended("misfit", f"converged{held}, but {misfit}")
+    doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
+    but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
-    return ended("at_bound" if held else good, f"converged{held}")
+    return ended("at_bound" if held else good, f"converged{held}{but}")
+
+
+def _verdicts(evidence: Evidence) -> tuple[str, ...]:
+    """On each parameter that was asked for: good, depends on the file, at its bound, or not to be believed and why."""
+    result, n = evidence.result, len(evidence.result.parameters.wanted)
+    index = decisive_index(result, evidence.uncertainty, result.indices)
+    by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
+    by_blocks = evidence.uncertainty.shift[:n] if _blocks_disagree(evidence) else np.zeros(n)
+    noise, file = result.std_by_noise, result.std_by_file
+    verdicts = []
+    for i, parameter in enumerate(result.parameters.wanted):
+        if result.at_bound[i]:
+            verdicts.append("at its bound")
+        elif index is not None and by_index[i] > MISFIT.effect:
+            verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
+        elif by_blocks[i] > MISFIT.shift:
+            verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
+        else:
+            verdicts.append(BY_FILE if file[parameter.name] > noise[parameter.name] else GOOD)
+    return tuple(verdicts)
+
+
+def _in_deviations(effects: FloatArray, result: FitResult) -> FloatArray:
+    """Changes of the parameters that were asked for (n,), in their standard deviations."""
+    n = len(result.parameters.wanted)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(np.abs(effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
+
+
+def _decides(evidence: Evidence) -> BoolArray:
+    """True for each parameter asked for (n,) that the status is about: those of fit.wanted, all if it names none."""
+    names, wanted = [p.name for p in evidence.result.parameters.wanted], evidence.assembly.spec.wanted
+    matched = {name for key in wanted for name in matching(key, names)}
+    return np.array([name in matched or not matched for name in names])
 
 
 def _compared_with_noise(result: FitResult) -> str:
@@ -110,11 +150,18 @@ def decisive_index(
     return max(decisive, key=lambda index: index.drop, default=None)
 
 
-def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
+def _blocks_disagree(evidence: Evidence) -> bool:
+    """True if configurations and bands disagree about the parameters by more than noise and model error together."""
+    result = evidence.result
     excess = result.cost / result.cost_expected
-    is_structured = uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
-    moved = np.flatnonzero(uncertainty.shift[: len(result.parameters.wanted)] > MISFIT.shift)
-    if not (result.exceeds_noise and excess > MISFIT.excess and is_structured and moved.size):
+    is_structured = evidence.uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
+    return result.exceeds_noise and excess > MISFIT.excess and is_structured
+
+
+def _by_blocks(evidence: Evidence) -> str:
+    result, uncertainty = evidence.result, evidence.uncertainty
+    moved = np.flatnonzero((uncertainty.shift[: len(result.parameters.wanted)] > MISFIT.shift) & _decides(evidence))
+    if not (_blocks_disagree(evidence) and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
@@ -132,10 +179,10 @@ def _by_held_number(evidence: Evidence) -> str:
     index = decisive_index(result, evidence.uncertainty, result.indices)
     if index is None:
         return ""
-    n = len(result.parameters.wanted)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.nan_to_num(np.abs(index.effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
+    moved = np.where(_decides(evidence), _in_deviations(index.effects, result), 0.0)
     worst = int(np.argmax(moved))
+    if moved[worst] <= MISFIT.effect:
+        return ""
     same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
     return (
         f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower V by "

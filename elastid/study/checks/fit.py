@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elastid.base.errors import StudyError
-from elastid.base.names import SEPARATOR, is_match
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
-from elastid.fit.spec import misnamed
+from elastid.fit.spec import FitSpec, misnamed
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.robot import Body, Robot, unit_axis
@@ -34,6 +34,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
     except StudyError:
         return  # reported where the parameters are checked
     yield from _check_profile(study, parameters)
+    yield from _check_wanted(study, parameters)
     yield from _check_geometry(study, parameters)
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
@@ -71,6 +72,14 @@ def _check_profile(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
             match_names([pattern], parameters)
         except StudyError as error:
             yield Problem(("fit", "profile", i), str(error).removeprefix("fit.profile: "))
+
+
+def _check_wanted(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
+    """Names that no parameter of the fit has, other than the usual ones."""
+    names = [parameter.name for parameter in parameters.free]
+    for i, key in enumerate(study.fit.wanted):
+        if key not in FitSpec().wanted and not matching(key, names):
+            yield Problem(("fit", "wanted", i), f"no identified parameter is called {key}; {did_you_mean(key, names)}")
 
 
 def _check_geometry(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
