@@ -121,7 +121,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "frf.local.response.Limits": {
         "local-refused": "dof margin_dof input_snr excited_share",
         "local-repeats-averaged": "difference correlation",
-    },  # fmt: skip
+    },
     "frf.peaks.Limits": {"false-peak": "*"},
     "nonlinear.choice.Limits": {
         "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
