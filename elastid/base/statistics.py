@@ -28,7 +28,7 @@ def small_sample_factor(n: int) -> float:
     return float(stdtrit(n - 1, 0.975) / ndtri(0.975))
 
 
-def chi_square_limit(dof: int, tail: float) -> float:
+def chi_square_limit(dof: float, tail: float) -> float:
     """The value that a chi-square variable of `dof` degrees of freedom exceeds with probability `tail`.
 
     >>> round(chi_square_limit(1, 0.05), 3)

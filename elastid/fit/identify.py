@@ -27,10 +27,11 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.weights import check_factors
+from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import has_tolerances, measurements_that_help, release
+from elastid.fit.tolerances import has_tolerances
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet

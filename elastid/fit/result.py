@@ -14,7 +14,7 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
 from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.note import Note
-from elastid.base.statistics import QUANTILE_95, correlation_of
+from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
@@ -119,16 +119,17 @@ MEANING: dict[Status, str] = {
 
 
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds what the noise explains by 3 standard deviations, once in 700 fits of a true model."""
+    """True if V exceeds what the noise explains, once in 700 fits of a true model."""
     return cost > expected_cost * largest_by_chance(cost_dof)
 
 
 def largest_by_chance(cost_dof: float) -> float:
     """V over what the noise explains, as far as chance goes in 699 of 700 fits of a true model.
 
-    2 / cost_dof: relative variance of that ratio.
+    2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
     """
-    return 1 + 3 * math.sqrt(2 / max(cost_dof, 1.0))
+    dof = max(cost_dof, 1.0)
+    return chi_square_limit(dof, 1 / 700) / dof
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:

@@ -117,8 +117,11 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "wrong-sign": "sigmas passive_lines lines",
         "refused": "clock_difference",
     },
-    "frf.local.regression.Limits": {"local-false-peak": "log_gain", "local-repeats-averaged": "difference correlation"},
-    "frf.local.response.Limits": {"local-refused": "dof margin_dof input_snr excited_share"},
+    "frf.local.least_squares.Limits": {"local-false-peak": "log_gain"},
+    "frf.local.response.Limits": {
+        "local-refused": "dof margin_dof input_snr excited_share",
+        "local-repeats-averaged": "difference correlation",
+    },
     "frf.peaks.Limits": {"false-peak": "*"},
     "nonlinear.choice.Limits": {
         "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
@@ -210,7 +213,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         modelled = FittedRobot.of(result, robot, responses).responses
         judged = validate(responses, modelled, (), cost_p(result))
         if cost := explain_cost(result, responses, modelled, judged.fitted, spec):
-            is_beyond = "times the noise, rms" in cost and "shows no more" not in cost
+            is_beyond = "times the noise" in cost and ", smaller than" not in cost and "and show no" not in cost
             codes |= {"excess-of-cost": cost} if is_beyond else {}
         without = [peak for each in judged.fitted for peak in each.peaks if np.isnan(peak.modelled_hz)]
         codes |= {"peak-without-partner": str(without)} if without else {}

@@ -13,9 +13,10 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.release import measurements_that_help, release, remaining_tolerances
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
-from elastid.fit.tolerances import measurements_that_help, release, remaining_tolerances, with_tolerances
+from elastid.fit.tolerances import with_tolerances
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial

@@ -16,10 +16,10 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.export.numbers import lines_of
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
+from elastid.fit.release import remaining_tolerances
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import remaining_tolerances
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, parameter_rows

@@ -1,0 +1,159 @@
+r"""A fit with the robot's file in doubt: its optimum, what the data leave of the tolerances, and what to measure.
+
+.. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
+
+The starts are searched with the file's numbers held; the best of them is then released. A covariance of (x, nu) is that
+of the estimate with the file in doubt; with nu known it would be the part of the noise,
+
+.. math:: C_{noise} = C_{xx} - C_{x\nu} C_{\nu\nu}^{-1} C_{\nu x}, \qquad \sigma^2_{file} = \sigma^2 - \sigma^2_{noise}
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError, StudyError
+from elastid.base.note import Note
+from elastid.fit.assembly import Assembly
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.result import FitResult
+from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
+from elastid.fit.tolerances import tolerances_of, with_tolerances
+from elastid.parameters import Parameter
+from elastid.robot import BodyTolerances, Robot, Tolerances
+from elastid.robot.tolerances import Exact
+
+
+@dataclass(frozen=True)
+class AdviceLimits:
+    """Limits of the advice on what to measure, which states no fault and so has no false alarms."""
+
+    part: float = 0.1  # of a tolerance, that a measurement leaves
+    most: int = 3  # measurements that are named
+    enough: float = 0.5  # of an interval, at which no further one is named
+    worthwhile: float = 0.7  # of an interval, above which nothing is said
+
+
+ADVICE = AdviceLimits()
+
+
+@dataclass(frozen=True)
+class ReleaseLimits:
+    """Limits of the solve with numbers within their tolerances, which state no fault and so have no false alarms."""
+
+    cost_ratio: float = 1.5  # V over its degrees of freedom, above which it is solved from a further start
+    attempts: int = 4  # starts that are tried
+
+
+RELEASE = ReleaseLimits()
+
+
+def release(
+    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot
+) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
+    """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
+
+    It is solved from the end of the best start. While V stays above RELEASE.cost_ratio of its degrees of freedom, the
+    study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
+    rest end where they did, with the file's numbers.
+    """
+    parameters, held = with_tolerances(assembly.parameters, robot, assembly.spec), assembly.parameters.free_names
+    places = [parameters.free_names.index(name) for name in held]
+
+    def widened(x: FloatArray) -> FloatArray:
+        wide = parameters.x
+        wide[places] = x
+        return wide
+
+    starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model)
+    begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
+    best: tuple[ElasticFit, LocalOptimum] | None = None
+    for begin in begins[: RELEASE.attempts]:
+        try:
+            fit, end = _released(assembly, begin)
+        except (StudyError, FitError):  # no robot stands on the way
+            continue
+        best = (fit, end) if best is None or end.cost < best[1].cost else best
+        if best[1].cost <= RELEASE.cost_ratio * fit.problem.dof:
+            break
+    if best is None:
+        raise FitError(f"no robot within the tolerances of its file stands at any of {RELEASE.attempts} starts")
+    return assembly, best[0], (best[1], *starts[1:])
+
+
+def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, LocalOptimum]:
+    """The optimum near the end of a start, and the fit as linearised before the last round.
+
+    Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
+    """
+    end = begin
+    for tolerance in (NEAR, ROUGH, FINE):
+        fit = assembly.at(end.x, assembly.spec.criterion)
+        end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
+    return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
+
+
+def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | Exact | None:
+    """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
+
+    The widest coordinate counts for all of a body.  As they are where the file is exact.
+    """
+    if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
+        return robot.tolerances
+    deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
+    left: dict[str, dict[str, float]] = {}
+    for each in tolerances_of(robot):
+        if each.owner in owners and (each.factor or each.name) in deviation:
+            std = deviation[each.factor or each.name]
+            if each.kind == "length" and result.parameters[each.name].log:
+                std *= result.values[each.name]
+            own = left.setdefault(each.owner, {})
+            own[each.kind] = max(own.get(each.kind, 0.0), std)
+    return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))
+
+
+def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
+    """Numbers of the file whose measurement narrows the interval that the file widens most, with the gain.
+
+    One that is measured with the std delta takes c c^T / (C_jj + delta^2) off the covariance, c its column.
+    """
+    wanted, C = result.parameters.wanted, result.covariance.copy()
+    file, noise, values = result.std_by_file, result.std_by_noise, result.values
+    widened = [p.name for p in wanted if p.log and file[p.name] > noise[p.name]]
+    if not result.has_tolerances or not widened or not np.isfinite(C).all():
+        return ()
+    name = max(widened, key=lambda name: file[name] / values[name])
+    place, known = result.parameters.free_names.index(name), list[str]()
+    before = math.sqrt(C[place, place])
+    for _ in range(ADVICE.most):
+        delta = np.array(
+            [ADVICE.part * p.prior.std if p.tolerated and p.prior else math.inf for p in result.parameters.free]
+        )
+        gains = C[place] ** 2 / (np.diag(C) + delta**2)
+        best = int(np.argmax(gains))
+        C -= np.outer(C[best], C[best]) / (C[best, best] + delta[best] ** 2)
+        known.append(_stated(result.parameters.free[best], float(delta[best])))
+        if C[place, place] < (ADVICE.enough * before) ** 2:
+            break
+    after = math.sqrt(C[place, place])
+    if after > ADVICE.worthwhile * before:
+        return ()
+    text = (
+        f"the tolerances of the robot's file are most of the interval of {name} ({100 * before:.2g} %): with "
+        f"{', '.join(known)} it would be {100 * after:.2g} %"
+    )
+    return (Note("file-limits", text, severity="information"),)
+
+
+def _stated(parameter: Parameter, std: float) -> str:
+    in_unit = {"m": f"{1e3 * std:.2g} mm", "rad": f"{math.degrees(std):.2g} deg"}
+    size = f"{100 * std:.2g} %" if parameter.log else in_unit.get(parameter.unit, f"{std:.2g} {parameter.unit}")
+    return f"{parameter.name} known to {size}"
