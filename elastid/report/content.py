@@ -183,7 +183,7 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
-    parts = (result.std_by_noise, result.std_by_file) if result.has_tolerances else (dict[str, float | None](),) * 2
+    noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
     verdicts = result.verdicts or ("",) * len(result.parameters.wanted)
     for i, parameter in enumerate(result.parameters.wanted):
         name = parameter.name
@@ -193,6 +193,8 @@ def parameter_rows(
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
-        contained, of_parts = (contents or {}).get(name, ""), [part.get(name) for part in parts]
-        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts, verdicts[i]))
+        contained, of_parts = (contents or {}).get(name, ""), (noise.get(name), file.get(name))
+        rows.append(
+            ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts, verdict=verdicts[i])
+        )
     return tuple(rows)

@@ -124,6 +124,7 @@ WRONG = [
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
     ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
+    ("  starts: 2", "  wanted: [k_1, d_l]", "fit.wanted[1]", "did you mean 'd_1'?"),
     ("  starts: 2", "  weights: {factors: [{factor: 2, output: motor1}]}", "fit.weights.factors[0].output", "did you"),
     (
         "  starts: 2",
