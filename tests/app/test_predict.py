@@ -138,6 +138,7 @@ def two_axes(folder: Path, name: str, seed: int, missing: float = 0.0) -> Path:
     return folder / name
 
 
+@pytest.mark.slow
 def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_logs(tmp_path: Path) -> None:
     """A log that was left out, and one of the command line, nearly as well as a regression of it; a spring is seen."""
     study, run = tmp_path / "study.yml", tmp_path / "run"

@@ -127,6 +127,7 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     assert "warm-up: power, temperature" in (tmp_path / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> None:
     """The first half hour, then after the pause of ten minutes, not logged, the next twenty: as if it had been."""
     log = warm_rig.warm_log(1.0, 25.0)

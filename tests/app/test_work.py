@@ -133,6 +133,7 @@ def is_plain(path: tuple[Any, ...]) -> bool:
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.slow
 def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
     studies: dict[str, LoadedStudy], template: str
 ) -> None:

@@ -163,6 +163,7 @@ def test_the_overview_tells_metres_from_radians(tmp_path: Path) -> None:
     assert "carries 8 kg at tool" in page
 
 
+@pytest.mark.slow
 def test_energy_of_everything_undamped_is_conserved(tmp_path: Path) -> None:
     """Kinetic (rotors that ride, coupled gears) and potential (gravity, cubic spring, gas) energy, 1e-8 over 1 s."""
     from scipy.integrate import solve_ivp
@@ -233,6 +234,7 @@ def stage(path: Path, *names: str) -> tuple[Run, dict]:
     return run, json.loads(summary.read_text()) if summary.exists() else {}
 
 
+@pytest.mark.slow
 def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) -> None:
     """3 k3 sigma^2 of several per cent gets a word with its size; a tenth of the torque gets none."""
     hard = {"cubic: 1e12 N/m^3": "cubic: 2e14 N/m^3", "[400 N, 60 N*m, 15]": "[2 kN, 60, 15]"}
@@ -256,6 +258,7 @@ def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) ->
         pytest.param(True, (1, 2, 3), id="friction", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bool, seeds: tuple[int, ...]) -> None:
     """Several seeds, everything in one study, end to end: |error| / std of all as normal numbers would have it."""
     off = []

@@ -56,6 +56,7 @@ def response_of(run: Run) -> FrequencyResponse:
 
 
 @pytest.mark.parametrize(("cycles", "is_even"), [pytest.param(1, False, marks=pytest.mark.slow), (2, True)])
+@pytest.mark.slow
 def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles: int, is_even: bool) -> None:
     """Coulomb friction is odd: with an odd carrier on odd lines alone; with an even one on even lines too.
 

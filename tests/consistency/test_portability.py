@@ -4,6 +4,8 @@ import ast
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import elastid
 
 SOURCES = sorted(Path(elastid.__file__).parent.rglob("*.py"))
@@ -62,6 +64,7 @@ def posix_uses(tree: ast.Module) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_call_needs_posix() -> None:
     """It is made where the system was asked whether it has it."""
     assert [f"{path}, {use}" for path, tree in trees() for use in posix_uses(tree)] == []

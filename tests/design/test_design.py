@@ -250,6 +250,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     assert abs(fast[0]) < 1e-6 * d[0]
 
 
+@pytest.mark.slow
 def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
     problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"home": (0.0, 0.5)}))

@@ -182,6 +182,7 @@ def test_bound_is_reached_whatever_the_units_of_the_parameters(over: Over) -> No
 
 
 @pytest.mark.parametrize("wanted", [1, 4, 12])
+@pytest.mark.slow
 def test_smallest_eigenvalue_of_the_published_study_is_certified_to_a_thousandth(wanted: int) -> None:
     """7920 candidates, all parameters or a few of interest; the value is that of the covariance matrix."""
     H, K = random_information(0, Q=7920, d=12, rank=12), np.eye(12)[:, :wanted]

@@ -172,6 +172,7 @@ def test_a_joint_at_rest_under_load_does_not_creep() -> None:
 
 @given(st.integers(0, 10_000), st.sampled_from([0.02, 0.2, 2.0]))
 @settings(deadline=None, max_examples=30)
+@pytest.mark.slow
 def test_what_passes_the_check_gives_no_energy(seed: int, top: float) -> None:
     """Constant sigma_1 with just enough viscous friction, and a falling one at its bound, only take."""
     v = profile(seed, top)

@@ -43,6 +43,7 @@ def test_a_filter_that_has_lost_the_log_says_so() -> None:
     assert "5 standard deviations from its prior" in lost["diverged"]
 
 
+@pytest.mark.slow
 def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> None:
     """Another motion of half a second, 1 rad away, changes nothing of the noise that is found."""
     run = simulate(rich(1.5), 5).samples

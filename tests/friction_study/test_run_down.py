@@ -67,6 +67,7 @@ def identified(folder: Path, starts: tuple[float, ...], seed: int = 0, drive: fl
     return identify_friction(ROBOT, levels, measured, FrictionSpec())
 
 
+@pytest.mark.slow
 def test_a_run_down_gives_friction_over_speed_with_intervals(tmp_path: Path) -> None:
     """Coulomb, viscous and Stribeck friction of 6 draws: 95 % intervals hold at least 14 of 18, none is useless."""
     inside = []

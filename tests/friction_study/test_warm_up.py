@@ -103,6 +103,7 @@ def true_temperature() -> FloatArray:
     return np.array(T)
 
 
+@pytest.mark.slow
 def test_a_second_node_is_taken_only_where_there_is_one() -> None:
     one = [fit_warm_up(campaign(seed), level_of) for seed in range(8)]
     assert sum(len(model.time_constants) == 2 for model in one) <= 1
@@ -111,6 +112,7 @@ def test_a_second_node_is_taken_only_where_there_is_one() -> None:
     assert two.h == pytest.approx(H, rel=0.03)
 
 
+@pytest.mark.slow
 def test_stated_std_is_the_scatter() -> None:
     """ln h and ln C / h over 12 campaigns."""
     models = [fit_warm_up(campaign(seed, thermometer=False), level_of) for seed in range(12)]

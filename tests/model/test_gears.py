@@ -267,6 +267,7 @@ def measured_wrist(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run
 
 
+@pytest.mark.slow
 def test_a_coupled_wrist_is_simulated_estimated_and_fitted(measured_wrist: Run) -> None:
     """The rig, its controller, the FRFs and the fit know the coupling: the stiffnesses are within their intervals."""
     for stage in ("estimate", "fit"):

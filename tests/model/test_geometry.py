@@ -121,6 +121,7 @@ QUICK = ("bending arm", "constrained, rigid", "minimal, elastic")
 @pytest.mark.parametrize(
     "case", [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
 )
+@pytest.mark.slow
 def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
     """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
     robot, spec, angles, body = CASES[case]

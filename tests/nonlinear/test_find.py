@@ -51,6 +51,7 @@ def test_realisations_agree_once_friction_is_taken_out(found: FrictionTakenOut) 
         assert np.all(ratio < 0.2), ratio
 
 
+@pytest.mark.slow
 def test_friction_that_is_not_there_is_not_taken_out() -> None:
     """A robot that slides without friction keeps its torque to the last bit."""
     configurations, lines = measured((0.0, 0.0))
@@ -117,6 +118,7 @@ def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
 
 
 @pytest.mark.parametrize("law", ["lugre", "maxwell slip"])
+@pytest.mark.slow
 def test_bristles_are_found_and_taken_out(law: str) -> None:
     """The distortion falls to less than a fifth; the level of sliding is within 5 %; bristles bend as they do."""
     configurations, lines = measured_bristles(law)
@@ -126,6 +128,7 @@ def test_bristles_are_found_and_taken_out(law: str) -> None:
     assert np.all(result.after < 0.2 * result.before)
 
 
+@pytest.mark.slow
 def test_friction_behind_the_gear_is_left_alone() -> None:
     """It is no function of the motor's angle: the records stay as they are."""
     configurations, lines = measured_bristles("joint")
@@ -153,6 +156,7 @@ def test_the_reversal_ends_at_the_sliding_level(found: FrictionTakenOut) -> None
 
 
 @pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
+@pytest.mark.slow
 def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

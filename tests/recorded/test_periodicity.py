@@ -69,6 +69,7 @@ def _motion(kind: str, rng: np.random.Generator, n: int = 2501) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["sum of harmonics of the log", "sweep", "from point to point"])
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.4])
+@pytest.mark.slow
 def test_no_period_of_a_motion_that_does_not_repeat_is_accepted_for_noise(kind: str, noise: float) -> None:
     """Below a correlation of 0.95, whatever the stated period: what differs is slow, and noise is not."""
     rng = np.random.default_rng(7)

@@ -110,6 +110,7 @@ def test_a_delay_that_the_model_lacks_colours_the_residual():
     assert agreement(measured, response(G)).is_white
 
 
+@pytest.mark.slow
 def test_a_true_model_is_not_called_coloured_however_many_configurations_there_are():
     """Outputs that share their noise are beyond the bound together: 150 times 20 configurations, one alarm in 100."""
     rng, f = np.random.default_rng(8), np.arange(1.0, 41.0)
@@ -149,6 +150,7 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
 
 @given(seed=st.integers(0, 99), scale=st.floats(1e-6, 1e6))
 @settings(deadline=None, max_examples=8)
+@pytest.mark.slow
 def test_the_unit_of_the_response_does_not_matter(seed, scale):
     """Measured, modelled and sigma times a constant: the same agreement."""
     G, model = random_matrix(seed), random_matrix(seed + 100)

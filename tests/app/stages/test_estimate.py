@@ -61,6 +61,7 @@ def test_a_study_without_friction_to_take_out_has_responses_alone(tiny: Path) ->
     assert 'id="friction"' not in (run.folder / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """frf.h5, summary, page, figures, robot.yml, terminal and `inspect` show the same; the model explains more."""
     run = run_of(tiny, "coulomb")

@@ -148,6 +148,7 @@ def error(measured: np.ndarray, true: np.ndarray) -> float:
     return float((np.abs(measured - true).max(axis=(1, 2)) / np.abs(true).max(axis=(1, 2))).max())
 
 
+@pytest.mark.slow
 def test_the_closed_loop_measures_the_linear_plant_exactly() -> None:
     """Without gravity, friction and noise Y U^-1 is the plant behind its hold; G times the hold to aliasing."""
     machine = robot(gravity=(0.0, 0.0, 0.0))

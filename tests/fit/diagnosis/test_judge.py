@@ -79,6 +79,7 @@ def test_what_cannot_be_told_apart_is_said_together() -> None:
     assert "a sampling rate -2 % (and motions from positions): the data cannot distinguish them)" in sentence
 
 
+@pytest.mark.slow
 def test_a_fit_of_the_true_robot_has_no_sentence() -> None:
     """Twenty data sets; of 300 at most three have one (scripts/studies/modification_indices.py)."""
     case = true_case()

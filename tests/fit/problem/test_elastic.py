@@ -115,6 +115,7 @@ def test_both_criteria_converge_from_far_starts():
 
 @pytest.mark.parametrize("criterion", ["complex", "log"])
 @pytest.mark.parametrize("kind", ["relative", "constant"])
+@pytest.mark.slow
 def test_weighted_estimates_attain_the_cramer_rao_bound(criterion, kind):
     """Standard deviations over 120 noisy responses within 1.25 of the bound, whether noise follows G or not."""
     model = plant()
@@ -126,6 +127,7 @@ def test_weighted_estimates_attain_the_cramer_rao_bound(criterion, kind):
 
 
 @pytest.mark.parametrize(("dof", "criterion"), [slow(np.inf, "complex"), (3.0, "complex"), (10.0, "log")])
+@pytest.mark.slow
 def test_intervals_of_95_percent_cover_the_truth(dof, criterion):
     """200 responses, four parameters: 93 to 99 % of the intervals hold the truth; none is needlessly wide.
 

@@ -125,6 +125,7 @@ def test_a_covariance_weighs_by_itself_however_few_repetitions_it_is_from():
 
 @pytest.mark.parametrize("dof", [4, 12])
 @pytest.mark.parametrize("floor", [0.0, 0.03])
+@pytest.mark.slow
 def test_weights_from_an_estimated_covariance_keep_the_expected_cost(dof, floor):
     """V over what the fit expects is 1, though the disturbance is no torque at an input, which the weights suppose."""
     rng, model = np.random.default_rng(3), plant(OUTPUTS, INPUTS)

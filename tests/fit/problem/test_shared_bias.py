@@ -73,6 +73,7 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
 
 
 @pytest.mark.parametrize("size", [0.001, 0.02])
+@pytest.mark.slow
 def test_intervals_hold_with_a_factor_drawn_anew(size: float) -> None:
     """Factors from N(0, 1), 60 data sets: errors scatter as stated, whether the data show the factor or not."""
     rng = np.random.default_rng(1)

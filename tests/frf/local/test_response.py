@@ -145,6 +145,7 @@ def test_leakage_is_removed_better_than_by_any_peer(P: int, table: float) -> Non
     assert found["local_rational"] < noise - 4 < table
 
 
+@pytest.mark.slow
 def test_six_axes_come_from_one_experiment_in_closed_loop() -> None:
     """10 s from rest, every line from 1 to 60 Hz, modes of 4 to 7 % damping: no line off by 2 %."""
     assert study.six_axes(2, 10.0, 1, 1, 0, np.inf)["local_rational"][1] < 0.02
@@ -182,6 +183,7 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
 @pytest.mark.parametrize("closed", [True, False], ids=["closed loop", "open loop"])
+@pytest.mark.slow
 def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
     """One experiment of three inputs: noise and total predict the squared error to 5 %.
 
@@ -270,6 +272,7 @@ def test_the_transient_of_half_wave_records_shows_on_even_lines() -> None:
 @pytest.mark.parametrize("spec", [study.LPM, study.LRM], ids=lambda spec: spec.method)
 @pytest.mark.parametrize("gain", [0.0, 2.0], ids=["open loop", "closed loop"])
 @pytest.mark.parametrize("snr_db", [30.0, 80.0])
+@pytest.mark.slow
 def test_three_repeats_of_a_sweep_from_rest_are_better_than_one_and_their_variance_is_true(
     snr_db: float, gain: float, spec: EstimatorSpec
 ) -> None:

@@ -46,6 +46,7 @@ def test_the_heat_maps_show_every_error_where_it_belongs():
 
 
 @pytest.mark.parametrize(("n_u", "n_configurations"), [(1, 1), (6, 20)])
+@pytest.mark.slow
 def test_the_heat_maps_fit_a_page_whatever_their_size(n_u, n_configurations):
     """One element of one configuration, and 36 of twenty."""
     pairs = [pair(n_u, name=f"c{i}") for i in range(n_configurations)]

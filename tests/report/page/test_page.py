@@ -114,6 +114,7 @@ def test_the_page_needs_nothing_from_outside(report_folder):
     assert {address[1:] for address in page.addresses if address.startswith("#")} <= set(places)
 
 
+@pytest.mark.slow
 def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
     """HTML, a formula, a path and a letter that the font lacks, as names: text on the page, files in the folder."""
     evil, formula = "<script>alert(1)</script>", r"$\frac{"
@@ -139,6 +140,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
     assert len(files) == 2 + 2 * (3 * len(frf) + 5)
 
 
+@pytest.mark.slow
 def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
     """Page, PNG and PDF, drawn in two processes: no date, no version, no random name."""
     write_report(report_content(), tmp_path, ("png", "pdf"), Execution(2))
@@ -165,6 +167,7 @@ OF_THE_USER = {
 }
 
 
+@pytest.mark.slow
 def test_figures_have_one_style_whatever_the_user_has_set(report_folder, tmp_path):
     """A matplotlibrc in the working directory changed every figure of a page, and its booklet."""
     with rc_context(OF_THE_USER):
@@ -173,6 +176,7 @@ def test_figures_have_one_style_whatever_the_user_has_set(report_folder, tmp_pat
         assert path.read_bytes() == (tmp_path / path.relative_to(report_folder)).read_bytes(), path.name
 
 
+@pytest.mark.slow
 def test_only_the_formats_asked_for_are_written(tmp_path):
     """PDF only: no PNG beside the page, which embeds its own; nothing of an earlier report is left."""
     write_report(small_content(), tmp_path, ("pdf",))
