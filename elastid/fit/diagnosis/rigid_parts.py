@@ -61,15 +61,16 @@ def find_elastic_base(result: FitResult) -> tuple[Note, ...]:
 def _base(
     robot: Robot, x: dict[str, float], scores: Scores, result: FitResult
 ) -> Iterator[tuple[str, float, FloatArray]]:
-    """Name, compliance and changes (n,) of what carries the robot, unless its springs are in the model."""
+    """Name, compliance and changes (n,) of what carries the robot, but for axes with a spring in the model."""
     for body in _roots(robot):
-        first = body.joints[0]
-        if first.motor is None or first.slides or f"k_{first.name}" not in x:
+        first = next((joint for joint in body.joints if joint.motor is not None), None)
+        if first is None or first.slides or f"k_{first.name}" not in x:
             continue
         names = [parameter.name for parameter in result.parameters.wanted]
         c = math.exp(-x[f"k_{first.name}"]) / BASE_RATIO
         series = {f"k_{first.name}": -1 / BASE_RATIO, f"d_{first.name}": -2 / BASE_RATIO}
-        yield f"{BASE} about axis {first.name}", c, np.array([series.get(name, 0.0) for name in names])
+        if not any(joint.axis == first.axis for joint in body.joints if joint is not first):
+            yield f"{BASE} about axis {first.name}", c, np.array([series.get(name, 0.0) for name in names])
         for axis, changes in _torsions(scores, body, c, len(names)):
             yield f"{BASE} about {axis}", c, changes
 
