@@ -101,8 +101,8 @@ Status: TypeAlias = Literal[
 ]
 
 MEANING: dict[Status, str] = {
-    "converged": "every parameter is determined, and nothing shows an error of the model beyond the intervals, which hold "
-    "noise and distortion, but no error that all responses share",
+    "converged": "every parameter is determined, and nothing shows an error of the model beyond the intervals, which "
+    "hold noise and distortion, but no error that all responses share",
     "noise_unknown": "the responses came without a covariance, so that the intervals are those of the residuals and "
     "nothing says whether the model describes the data: measure two periods or more, or give the covariance",
     "at_bound": "a parameter was held by its bound, and the others adapted to it: widen the bound where values beyond "
