@@ -78,10 +78,13 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     solutions = [solve(each, rate_hz) for each in equations]
     shifts = _shifts_between_bands(robot, logs, signals, rigid, chosen, passband_hz)
     names, units = zip(*_numbers(robot, joints), strict=True)
-    least, shrunk = solutions[0], shrunk_numbers(equations[0], solutions[0])
+    least = solutions[0]
+    # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
+    every = [_equations(*pair, False, False) for pair in zip(signals, rigid, strict=True)]
+    shrunk, own = shrunk_numbers(every, least), _rigid_numbers(every, least.beta)
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
-    torques = [columns @ body.values for columns in rigid]
+    torques = [columns @ own for columns in rigid]
     alone = tuple(
         {
             joint: replace(log.motions[joint], torque=log.motions[joint].torque - torque[:, i])
@@ -225,8 +228,11 @@ def _independent(columns: FloatArray) -> list[int]:
     return sorted(moving[order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]].tolist())
 
 
-def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: bool) -> Equations:
-    """Each joint has columns of its own: viscous and Coulomb friction, and what is viscous in one direction more."""
+def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: bool, sliding: bool = True) -> Equations:
+    """Each joint has columns of its own: viscous and Coulomb friction, and what is viscous in one direction more.
+
+    sliding: of samples that are clear of reversals alone.
+    """
     first = next(iter(signals.values()))
     parts = [
         np.stack([each.velocity, each.direction, *([np.abs(each.velocity)] if apart else [])], axis=1)
@@ -237,10 +243,18 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     for i, own in enumerate(parts):
         X[:, i, i * width : (i + 1) * width] = own
     torque = np.stack([each.torque for each in signals.values()], axis=1)
-    used = np.stack([each.used for each in signals.values()], axis=1)
+    used = np.stack([each.used | (not sliding) for each in signals.values()], axis=1)
     X, R, y = first.filtered(X), first.filtered(rigid), first.filtered(torque)
     states = [each.filtered(state) for each in signals.values() for state in (each.position, each.velocity)]
     return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
+
+
+def _rigid_numbers(logs: Sequence[Equations], beta: FloatArray) -> FloatArray:
+    """The numbers (n_b,) of the rigid body that leave least of the torque of these logs with the friction beta."""
+    R, target = (np.concatenate(each) for each in ([log.R for log in logs], [log.y - log.X @ beta for log in logs]))
+    size = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300)
+    flat = (R / size).reshape(-1, R.shape[2])
+    return np.asarray(np.linalg.lstsq(flat, target.ravel(), rcond=RANK_TOLERANCE)[0] / size)
 
 
 def _both_equations(

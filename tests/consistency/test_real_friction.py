@@ -23,10 +23,10 @@ needs_axis = pytest.mark.skipif(not AXIS.exists(), reason="the record of the pri
 needs_robot = pytest.mark.skipif(not ROBOT.exists(), reason="the record of the six axes is not here")
 
 
-def run(name: str, folder: Path) -> dict[str, Any]:
-    """`elastid run` of a shipped study, and the summary it leaves."""
+def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
+    """`elastid run` of a shipped study, which ends with that exit code, and the summary it leaves."""
     study = ROOT / "configs" / "real" / f"{name}.yml"
-    assert cli.run_command(["run", str(study), "--run", str(folder), "-q", "--set", "report.formats=[png]"]) == 0
+    assert cli.run_command(["run", str(study), "--run", str(folder), "-q", "--set", "report.formats=[png]"]) == code
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return summary
 
@@ -101,9 +101,12 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
 def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Path) -> None:
     """Intervals hold what Weigand et al. (2021) identified with a full model of the robot, but for axis 5.
 
-    There it is 468, just below the interval; its Coulomb friction and the coupling in the wrist are not the same.
+    There it is 468, just below the interval; its Coulomb friction and the coupling in the wrist are not the same. The
+    friction of axis 6 changes with the band, by what the rigid body lacks: a misfit.
     """
-    summary = run("kr300_friction", tmp_path / "run")
+    summary = run("kr300_friction", tmp_path / "run", code=3)
+    assert summary["status"] == "misfit"
+    assert "joint 6: below 2.5 Hz viscous is" in summary["message"]
     published = {"1": 1939.52, "2": 1729.85, "3": 1562.42, "4": 280.49, "6": 384.41}
     for joint, viscous in published.items():
         low, high = summary["parameters"][f"f_m{joint}"]["interval95"]
@@ -114,17 +117,17 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     assert min(left) > 0.03
     (warned,) = (note for note in summary["notes"] if note["severity"] == "warning")
     assert warned["code"] == "rigid-body-error"
-    assert len(warned["places"]) == 4
+    assert len(warned["places"]) == 3
     assert "hold only together with it" in warned["text"]
     torque = {each["place"]: each for each in summary["torque"]}
     rigid = [torque[f"joint {joint}"]["shares"]["rigid body"] for joint in range(1, 7)]
-    assert rigid == pytest.approx([0.297, 0.820, 0.906, 0.031, 0.754, 0.087], abs=0.01)
+    assert rigid == pytest.approx([0.301, 0.817, 0.912, 0.063, 0.736, 0.073], abs=0.01)
     assert all(each["left"] < 0.05 < each["left_without_friction"] for each in torque.values())
     (twin,) = summary["twin"]
     assert twin["driven_by"] == "torque"
     errors = {(s["signal"], s["place"]): (s["error"], s["error_without_friction"]) for s in twin["signals"]}
     motors = [errors["motor angle", f"motor {joint}"] for joint in range(1, 7)]
-    assert all(error < 0.06 < without for error, without in motors)
+    assert all(error < 0.07 < without for error, without in motors)
     assert [errors["link motion", f"joint {joint}"][0] < 0.06 for joint in range(1, 4)] == [True] * 3
     # Friction that reverses at once: above 5 Hz the model without it leaves less of axis 4.
     top = torque["joint 4"]["bands"][-1]
