@@ -156,7 +156,7 @@ def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
             (pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, frame_jacobians(robot, q[None], frame.name)[0]),
             (pin.ReferenceFrame.LOCAL, local[i]),
         ):
-            expected = pin.getFrameJacobian(reference, data, index, axes)[:, order]
+            expected = pin.getFrameJacobian(reference, data, index, axes).reshape(6, -1)[:, order]  # (6,) of one joint
             np.testing.assert_allclose(J, expected, atol=1e-10)
         wrench = rng.normal(size=6)
         pushed = external_torque(robot, frame.name)(q, wrench).full()[:, 0]
