@@ -45,7 +45,7 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class SpreadLimits:
-    """What is known of spreads beforehand, in place of further robots.
+    """Knowledge of spreads beforehand, in place of further robots.
 
     Of 200 fleets of 8 good robots that differ by 1.5 % 4 have a finding with three dates and 9 with one; a gear that is
     10 % soft is named in 192 and 196 (scripts/studies/fleet.py; among 64 robots in all, with a finding in 8).
@@ -196,7 +196,7 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
 
 
 def find_spreads(values: Sequence[FleetValue]) -> tuple[Spread, ...]:
-    """What robots and dates differ by, of each parameter."""
+    """Differences of robots and of dates, of each parameter."""
     spreads = []
     for each in _parameters(values):
         dates = sum((s.about_line for s in each.series), _Excess())
