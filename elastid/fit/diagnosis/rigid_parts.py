@@ -87,13 +87,13 @@ def _bearings(robot: Robot, x: dict[str, float], scores: Scores, n: int) -> Iter
 
 def _torsions(scores: Scores, body: Body, c: float, n: int) -> Iterator[tuple[str, FloatArray]]:
     """By axis: changes (n,) by the elastic rotation before a body, as far as it shows in no residual."""
-    test = scores.test
+    test, names = scores.test, {f"torsion_{body.name}_{axis}": axis for axis in "xyz"}
     for place, number in enumerate(test.numbers):
-        if number.name.startswith(f"torsion_{body.name}_"):
+        if number.name in names:
             information = float(test.S[place, place]) / scores.lines
             is_visible = bool(test.known[place]) and information > 0
             largest = min(c, math.sqrt(MISFIT.drop / information)) if is_visible else c
-            yield number.name[-1], largest * test.response[:n, place]
+            yield names[number.name], largest * test.response[:n, place]
 
 
 def _roots(robot: Robot) -> tuple[Body, ...]:
