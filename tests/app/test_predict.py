@@ -51,6 +51,7 @@ def command(*words: str | Path) -> int:
     return cli.run_command([*map(str, words), "-q"])
 
 
+@pytest.mark.slow
 def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_more(
     study_of: Callable[..., Path], tmp_path: Path
 ) -> None:

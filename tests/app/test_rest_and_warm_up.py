@@ -113,6 +113,7 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str, thermometer: bool = T
     return study(folder, *listed, robot=RIGID, rate=rate, hold="band-limited", thermometer=channel)
 
 
+@pytest.mark.slow
 def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0, 25.0))).at("1")
@@ -141,6 +142,7 @@ def test_logs_of_a_warm_up_with_pauses_between_them_are_one(tmp_path: Path) -> N
     assert thermal.h == pytest.approx(warm_rig.NODES.outer, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_warm_up_without_a_thermometer_has_its_time_constants(tmp_path: Path) -> None:
     """By the levels of its test passes: kelvins are not known, the slowest constant is to a fifth."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(2.0, 25.0), thermometer=False)).at("1")

@@ -189,6 +189,7 @@ def test_energy_of_everything_undamped_is_conserved(tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < 1e-8 * float(kinetic(start[:n], start[n:-1]))
 
 
+@pytest.mark.slow
 def test_the_rig_tends_to_the_linear_response_with_all_of_it(tmp_path: Path) -> None:
     """Without noise and friction, at 2 kHz: 0.2 % up to 60 Hz at motors and accelerometers, behind both lags."""
     quiet = {

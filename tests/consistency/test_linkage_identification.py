@@ -88,6 +88,7 @@ def test_a_single_posture_is_said_to_confuse_gear_and_rod():
         assert relative(six, name) < 0.3 * relative(one, name)
 
 
+@pytest.mark.slow
 def test_postures_with_one_sine_do_not_help():
     """Six of them, as far apart as the joints go, say little more about the rod than one."""
     alike, spread = fitted(ALIKE), fitted(SPREAD)

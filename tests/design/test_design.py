@@ -313,6 +313,7 @@ def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one()
     assert len(worst) >= 1
 
 
+@pytest.mark.slow
 def test_noise_levels_may_be_stated_or_taken_from_an_earlier_measurement() -> None:
     """Twice the absolute level, twice the standard deviations; the level of a measurement gives those of the rig."""
     home = replace(PROBLEM.experiment, configurations={"home": (0.0, 0.9)})
@@ -490,6 +491,7 @@ def test_a_carrier_narrows_the_candidates() -> None:
     assert max(np.abs(c.angles).max() for c in found.plan.configurations) <= 1.0
 
 
+@pytest.mark.slow
 def test_a_motor_that_friction_holds_is_told_with_the_forecast() -> None:
     """3 Nm behind the gear of 30, with 5 Nm of rms torque; the other motor has none and is not named."""
     simulated = SimulatedSpec(noise=NOISE, substeps=4)

@@ -39,6 +39,7 @@ def _quadratic() -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4), ("E", 1 / 5)])
+@pytest.mark.slow
 def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:
     """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A; 1/5, 3/5, 1/5 for E (Pukelsheim, chapter 9)."""
     x, H = _quadratic()
@@ -49,6 +50,7 @@ def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_midd
     assert found.gap < 1e-3
 
 
+@pytest.mark.slow
 def test_d_optimal_sensitivity_of_the_textbook_case_is_the_number_of_parameters() -> None:
     """Kiefer and Wolfowitz: max Tr(M^-1 H_i) = d = 3 at the optimum, and no less for any other design."""
     _, H = _quadratic()

@@ -70,6 +70,7 @@ def deviations(result: FitResult, robot: Robot) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.slow
 def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int) -> None:
     """k and k3 of both gears from starts off by up to a factor of 2, within the claimed intervals."""
     result = identify(measure(CUBIC, POSTURES, seed), started_elsewhere(CUBIC, 2.0, seed), replace(WANTED, seed=seed))

@@ -47,6 +47,7 @@ def test_of_white_residuals_blocks_state_the_scatter_and_agree() -> None:
     assert max(parted) < 1.8
 
 
+@pytest.mark.slow
 def test_of_correlated_residuals_long_blocks_state_the_scatter_and_single_lines_do_not() -> None:
     """Noise averaged over ten lines: single lines state a fraction of the variance, blocks of thirty nearly all."""
     x, variance, parted = drawn(np.random.default_rng(1), 10, 30)
@@ -103,6 +104,7 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
 
 
 @pytest.mark.parametrize("Q", [3, 5, 10])
+@pytest.mark.slow
 def test_where_each_configuration_errs_by_itself_95_percent_hold_the_truth(Q):
     """Balanced configurations, each with a number of its own: Student's interval is exact; 4000 draws."""
     rng = np.random.default_rng(Q)

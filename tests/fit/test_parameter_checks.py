@@ -138,6 +138,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), slow("minimal", 1)])
+@pytest.mark.slow
 def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
     """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
     truth, spec = linkage(), ModelSpec(formulation)  # type: ignore[arg-type]

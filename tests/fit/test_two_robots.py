@@ -162,6 +162,7 @@ def test_robots_must_be_named_once_and_at_all() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("k_1", "k_2"), [(1.3, 1.0), slow(0.8, 1.2), slow(0.5, 1.0), (1.05, 1.0)])
+@pytest.mark.slow
 def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1: float, k_2: float, seed: int) -> None:
     """From stiffnesses 5 % to a factor of 2 apart: who disagrees with whom, about what, and what to do."""
     other = arm(k_1=k_1 * 3e4, k_2=k_2 * 2e4)

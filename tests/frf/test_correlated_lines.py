@@ -25,6 +25,7 @@ def noise_record(seed: int) -> Record:
 
 
 @pytest.mark.parametrize("method", ["h1", "local_polynomial"])
+@pytest.mark.slow
 def test_the_stated_lines_are_the_sum_of_the_autocorrelation_of_the_errors(method: Method) -> None:
     """12 records; errors relative to their scatter, lags up to a hundred lines."""
     spec = EstimatorSpec(method=method, quantity="position", lines="full", band_hz=(2.0, 45.0))

@@ -37,6 +37,7 @@ def swing(
     return Motion("joint 1", rate, q, u, turns_against_gravity=True)
 
 
+@pytest.mark.slow
 def test_inertia_friction_and_gravity_are_found_and_covered() -> None:
     """30 logs with noise correlated over 0.1 s: unbiased, and 95 % intervals hold the truth."""
     truth = {"inertia": J, "coulomb": F_C, "viscous": VISCOUS, "gravity.cos": COS, "gravity.sin": SIN}

@@ -47,6 +47,7 @@ def error(found: Elements) -> float:
     return float(np.sqrt(np.mean(missed[400:] ** 2))) / 1.6
 
 
+@pytest.mark.slow
 def test_many_thresholds_predict_unseen_minor_loops_to_three_thousandths() -> None:
     """16 bit, 0.02 Nm of noise; with counts twice as wide no worse."""
     found = fit_presliding(log(0))
@@ -56,6 +57,7 @@ def test_many_thresholds_predict_unseen_minor_loops_to_three_thousandths() -> No
     assert found.spectrum.offset == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_few_elements_are_chosen_and_nearly_as_good() -> None:
     found = fit_presliding(log(1))
     used = int(np.sum(found.few.stiffness > 0))
@@ -100,6 +102,7 @@ def test_loops_of_a_few_counts_are_refused() -> None:
         fit_presliding(replace(loops, resolution=5e-3))
 
 
+@pytest.mark.slow
 def test_a_dahl_bristle_is_no_single_element() -> None:
     """It bends exponentially: of it, one stop operator leaves several percent and few elements less."""
     import casadi as ca

@@ -81,6 +81,7 @@ def test_a_run_down_gives_friction_over_speed_with_intervals(tmp_path: Path) -> 
     assert sum(inside) >= 14
 
 
+@pytest.mark.slow
 def test_levels_are_those_of_the_law_at_their_speeds(tmp_path: Path) -> None:
     result = identified(tmp_path, (40.0, -40.0))
     levels = result.joints[0].levels

@@ -297,6 +297,7 @@ def jointed(pin: Pin | None) -> Robot:
         (None, "minimal"),
     ],
 )
+@pytest.mark.slow
 def test_pins_and_points_of_loops_move_alike(pin: Pin | None, formulation: str) -> None:
     """However a planar loop is closed: the same response and derivatives; what would open it is named."""
     robot, spec, at = jointed(pin), ModelSpec(formulation), Configuration("c", (0.2, 0.1))  # type: ignore[arg-type]

@@ -39,6 +39,7 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -
     assert np.all(result.after < 0.25 * result.before)
 
 
+@pytest.mark.slow
 def test_realisations_agree_once_friction_is_taken_out(found: FrictionTakenOut) -> None:
     """The standard deviation of every element of G falls to less than a fifth, in both configurations."""
     configurations, lines = measured()

@@ -98,6 +98,7 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(tmp_
     np.testing.assert_allclose(warm_up.readings, direct.readings, atol=1.2)
 
 
+@pytest.mark.slow
 def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmLog) -> None:
     """Whole degrees without noise: two readings for each of nine."""
     write_warm_log(tmp_path / "warm.csv", warm_log(2.0, 25.0, thermometer_std=0.0, count=1.0))

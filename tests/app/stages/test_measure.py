@@ -68,6 +68,7 @@ def _measure(folder: Path) -> tuple[Path, int]:
     return records, int(done.stdout) * 1024
 
 
+@pytest.mark.slow
 def test_single_precision_is_written_once_and_stays_what_it_is(tmp_path: Path) -> None:
     """No times, no doubles, no channel that is not asked for; a spike is repaired, the rest is the log's own."""
     asked = _write(tmp_path, 86)

@@ -34,6 +34,7 @@ def test_a_wrong_robot_or_log_is_a_misfit(fault: str, spec) -> None:
         pytest.param(WITH_FLOOR, range(8), id="floor of 1 %", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_a_true_robot_converges_with_and_without_friction(spec, seeds) -> None:
     """Noise whose variance has 3 or 8 degrees of freedom, and the distortion of friction that its covariance knows."""
     case = true_case()

@@ -30,6 +30,7 @@ def log_odds(coherence: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize(("method", "n_w"), [("local_polynomial", 12), ("local_rational", 17)])
+@pytest.mark.slow
 def test_coherence_of_white_noise_is_the_clean_power_over_the_power(method: Method, n_w: int) -> None:
     r"""A resonance of 32 dB with noise on its output: gamma^2 = |G|^2 / (|G|^2 + s^2) within its own scatter.
 

@@ -46,6 +46,7 @@ UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
 
 
 @pytest.mark.parametrize("kind", UNEVEN)
+@pytest.mark.slow
 def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None:
     """To 1e-4 of its size but near the ends, and the message states the steps and the band."""
     t, rate_hz, highest_hz = UNEVEN[kind]
