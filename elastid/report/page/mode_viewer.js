@@ -150,7 +150,7 @@
   button.addEventListener("click", () => play(!playing));
   calm.addEventListener("change", () => calm.matches && play(false));
 
-  let first = null;
+  let first = null, elastic = null; // a pendulum is no elastic mode
   document.querySelectorAll("tr[data-mode]").forEach((tr) => {
     const row = data.rows[Number(tr.dataset.row)];
     if (row === null) return;
@@ -167,7 +167,9 @@
       open(chooser, tr, row, mode);
       play(!calm.matches);
     });
-    first ??= () => open(chooser, tr, row, mode);
+    const show = () => open(chooser, tr, row, mode);
+    first ??= show;
+    if ("elastic" in tr.dataset) elastic ??= show;
   });
-  first?.();
+  (elastic ?? first)?.();
 })();

@@ -192,6 +192,17 @@ def sticks(page, view=0):
     )  # fmt: skip
 
 
+def test_the_viewer_opens_on_the_first_mode_that_springs_make(visit, written):
+    """A pendulum, all of whose energy is weight, comes before it."""
+    energy = np.tile([[0.1], [0.9]], (1, len(mode_row().frequency_hz)))
+    energy[:, 0] = 1.0, 0.0
+    row = replace(mode_row(), stores=("weight", "rod"), energy=energy)
+    page = visit(written(report_content(modes=(row,))), reduced_motion="reduce")
+    assert "weight" in page.locator("tr[data-mode]").nth(0).inner_text()
+    assert page.locator("tr[data-mode] button").nth(0).get_attribute("aria-expanded") == "false"
+    assert "mode 1:" not in page.locator("#mode-viewer").inner_text()
+
+
 def test_the_browser_draws_the_mode_that_is_chosen(table):
     """Below its row, with its views; first, before anything is chosen, the first one at rest at its end."""
     row, page = mode_row(), table(reduced_motion="reduce")
