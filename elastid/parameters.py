@@ -165,7 +165,7 @@ class ParameterSet:
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.tolerated))
 
     @property
-    def wanted(self) -> tuple[Parameter, ...]:
+    def asked(self) -> tuple[Parameter, ...]:
         """The first of `free`: those that were asked for."""
         return tuple(parameter for parameter in self.free if not parameter.tolerated)
 

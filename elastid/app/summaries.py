@@ -95,7 +95,7 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.wanted)
+    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.asked)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(result, "status cost cost_expected dof hits"),
@@ -116,7 +116,7 @@ def summary(
         ],
         "rigid_parts": [
             section(part, "name stiffness hidden_from")
-            | {"changes": dict(zip((p.name for p in result.parameters.wanted), json_value(part.changes), strict=True))}
+            | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
             for part in result.rigid_parts
         ],
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],

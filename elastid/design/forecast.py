@@ -114,7 +114,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     Raises StudyError where the plan has fewer lines than there are unknowns.
     """
     parameters = expected[0].parameters
-    free, freq_hz = parameters.wanted, expected[0].response.freq_hz
+    free, freq_hz = parameters.asked, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
@@ -135,7 +135,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.wanted), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
         raise StudyError(f"excitation: {refused}, or fix some of fit.parameters")
 
 

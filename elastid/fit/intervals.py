@@ -344,7 +344,7 @@ def choose_profiles(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
-    free, wanted = problem.parameters.free_names, len(problem.parameters.wanted)
+    free, wanted = problem.parameters.free_names, len(problem.parameters.asked)
     asked = np.where(np.arange(len(x)) < wanted, variance, np.nan)
     off = interval_errors(problem, x, asked, execution)
     worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])

@@ -125,7 +125,7 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
 
     One that is measured with the std delta takes c c^T / (C_jj + delta^2) off the covariance, c its column.
     """
-    wanted, C = result.parameters.wanted, result.covariance.copy()
+    wanted, C = result.parameters.asked, result.covariance.copy()
     file, noise, values = result.std_by_file, result.std_by_noise, result.values
     widened = [p.name for p in wanted if p.log and file[p.name] > noise[p.name]]
     if not result.has_tolerances or not widened or not np.isfinite(C).all():

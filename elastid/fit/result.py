@@ -66,26 +66,20 @@ class ModificationIndex:
         return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
 
 
-BASE = "base"  # how the names of parts that carry the robot begin
-
-
 @frozen_value
 class RigidPart:
     """A part that the model takes as rigid.
 
-    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
-    that.  hidden_from: the stiffness from which on none of them leaves its 95 % interval by it.
+    is_base: it carries the robot.  stiffness: such a part's usual one.  changes (n,): of the variables x that were
+    asked for where it is as stiff as that.  hidden_from: the stiffness from which on none of them leaves its 95 %
+    interval by it.
     """
 
     name: str
+    is_base: bool
     stiffness: float = labelled("usual stiffness", "N*m/rad")
     changes: FloatArray = labelled("change of each parameter asked for, of x")
     hidden_from: float = labelled("stiffness from which on no interval is left", "N*m/rad")
-
-    @property
-    def is_base(self) -> bool:
-        """True for what carries the robot."""
-        return self.name.startswith(BASE)
 
     def most_moved(self, names: Sequence[str], most: int = 2) -> dict[str, float]:
         """The stiffnesses among `names` (n,) that it moves most, and their relative changes."""
@@ -221,7 +215,7 @@ class FitResult:
         values, std = self.values, self.std
         rows = []
         parts = (self.std_by_noise, self.std_by_file) if self.has_tolerances else ()
-        for p in self.parameters.wanted:
+        for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
             stds = [number(each[p.name], 2) for each in (*parts, std)]
@@ -279,7 +273,7 @@ class FitResult:
     @property
     def has_tolerances(self) -> bool:
         """True if numbers of the robot's file moved within their tolerances."""
-        return len(self.parameters.wanted) < len(self.x)
+        return len(self.parameters.asked) < len(self.x)
 
     @property
     def std_by_noise(self) -> dict[str, float]:
@@ -296,14 +290,14 @@ class FitResult:
     @property
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
-        n = len(self.parameters.wanted)
+        n = len(self.parameters.asked)
         base = sum((part.changes**2 for part in self.rigid_parts if part.is_base), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     @property
     def covariance_by_noise(self) -> FloatArray:
         """The part of `covariance` with the robot's file as exact as it is estimated (n_wanted, n_wanted)."""
-        return covariance_by_noise(self.covariance, len(self.parameters.wanted))
+        return covariance_by_noise(self.covariance, len(self.parameters.asked))
 
     @property
     def std_repeated(self) -> dict[str, float]:
@@ -312,11 +306,11 @@ class FitResult:
         An error of the file moves each result alike: it is no part of differences between dates, and between robots of
         one type.
         """
-        n = len(self.parameters.wanted)
+        n = len(self.parameters.asked)
         return self._part(np.diag(self.covariance)[:n] * (self.repeated[:n] if len(self.repeated) else 1.0))
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
-        wanted, std = self.parameters.wanted, np.sqrt(np.maximum(variance, 0.0))
+        wanted, std = self.parameters.asked, np.sqrt(np.maximum(variance, 0.0))
         scale = [math.exp(x) if p.log else 1.0 for p, x in zip(wanted, self.x, strict=False)]
         return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
 

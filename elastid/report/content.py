@@ -184,8 +184,8 @@ def parameter_rows(
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
     noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
-    verdicts = result.verdicts or ("",) * len(result.parameters.wanted)
-    for i, parameter in enumerate(result.parameters.wanted):
+    verdicts = result.verdicts or ("",) * len(result.parameters.asked)
+    for i, parameter in enumerate(result.parameters.asked):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
         deviation = None

@@ -69,7 +69,7 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
         return Refit("failed", str(error), 0, math.inf, 0, {})
     pairs = zip(out, modelled, strict=True)
     scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in pairs}
-    return Refit(result.status, result.message, len(result.parameters.wanted), result.cost, result.dof, scores)
+    return Refit(result.status, result.message, len(result.parameters.asked), result.cost, result.dof, scores)
 
 
 def rank(

@@ -119,7 +119,7 @@ def judged(plant: Plant, draws: int, seed: int) -> Iterator[dict[str, Any]]:
         if draw < TIMED:
             drops.append(cpu_s / fitted(plant, plant.robot, data)[1])
         truth = {name: value for name, (value, _) in robot.parameters().items()}
-        wanted = [p.name for p in result.parameters.wanted if p.name.startswith(("k_", "d_"))]
+        wanted = [p.name for p in result.parameters.asked if p.name.startswith(("k_", "d_"))]
         inside += [low <= truth[name] <= high for name in wanted for low, high in [result.interval(name)]]
         off = [abs(result.values[name] / truth[name] - 1) for name in wanted if name.startswith("k_")]
         worst = max([worst, *off]) if result.status == "converged" else worst

@@ -315,7 +315,7 @@ def undetectable_errors(result: FitResult, scores: Scores) -> Iterator[Undetecta
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
     no more than what shows a model to be wrong (D, `status.MISFIT.drop`).
     """
-    n = len(result.parameters.wanted)
+    n = len(result.parameters.asked)
     test, std = scores.test, np.sqrt(np.diag(result.covariance)[:n])
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]

@@ -10,7 +10,8 @@ compliance c moves the estimates x as the score test says,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,34 +21,47 @@ from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.status import MISFIT
-from elastid.fit.result import BASE, FitResult, RigidPart
+from elastid.fit.result import FitResult, RigidPart
+from elastid.parameters import Parameter
 from elastid.robot import Body, Robot
 
-# Stiffness of a gear's main bearing against tilting over the torsional one: 5 to 9 in catalogues of cycloidal gears.
-BEARING_RATIO = 7.0
-# Stiffness of a pedestal or floor over that of the gear of the first axis: 50 to several hundred.
-BASE_RATIO = 100.0
+# Assumed stiffness of a gear's main bearing against tilting, and of a pedestal, over that of the gear: what a part
+# takes is in proportion to its compliance, and the stiffness from which on it is within the intervals depends on
+# neither.
+BEARING_RATIO, BASE_RATIO = 7.0, 100.0
 NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is not named
+
+
+@dataclass(frozen=True)
+class _Spring:
+    """A spring in place of a rigid part: dx / dc (n,), the usual compliance c, and that which shows in residuals."""
+
+    name: str
+    slope: FloatArray
+    usual: float
+    visible: float = math.inf
 
 
 def find_rigid_parts(result: FitResult, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
     """The base about three axes, then bearings and links of the bodies; those first that take most."""
-    wanted = result.parameters.wanted
-    x = {p.name: float(x) for p, x in zip(wanted, result.x, strict=False) if p.name.startswith("k_") and p.log}
-    std = np.sqrt(np.diag(result.covariance)[: len(wanted)])
+    asked = result.parameters.asked
+    k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
+    std = np.sqrt(np.diag(result.covariance)[: len(asked)])
     limits = QUANTILE_95 * np.where(np.isfinite(std) & (std > 0), std, np.inf)
     parts = []
-    for name, c, changes in (*_base(robot, x, scores, result), *_bearings(robot, x, scores, len(wanted))):
-        beyond = float(np.max(np.abs(changes) / limits))
-        if beyond > NEGLIGIBLE:
-            parts.append(RigidPart(name, 1 / c, changes, beyond / c))
+    for is_base, springs in ((True, _base(robot, k, scores, asked)), (False, _bearings(robot, k, scores, len(asked)))):
+        for spring in springs:
+            changes = min(spring.usual, spring.visible) * spring.slope
+            if np.max(np.abs(changes) / limits) > NEGLIGIBLE:
+                hidden_from = float(np.max(np.abs(spring.slope) / limits))
+                parts.append(RigidPart(spring.name, is_base, 1 / spring.usual, changes, hidden_from))
     return tuple(sorted(parts, key=lambda part: (not part.is_base, -part.hidden_from / part.stiffness)))
 
 
 def find_elastic_base(result: FitResult) -> tuple[Note, ...]:
     """A sentence on the base that takes most, where it would leave an interval."""
     base = next((part for part in result.rigid_parts if part.is_base and part.hidden_from > part.stiffness), None)
-    taken = base.most_moved([parameter.name for parameter in result.parameters.wanted]) if base else {}
+    taken = base.most_moved([parameter.name for parameter in result.parameters.asked]) if base else {}
     if base is None or not taken:
         return ()
     text = (
@@ -58,42 +72,37 @@ def find_elastic_base(result: FitResult) -> tuple[Note, ...]:
     return (Note("base-as-rigid", text, severity="information"),)
 
 
-def _base(
-    robot: Robot, x: dict[str, float], scores: Scores, result: FitResult
-) -> Iterator[tuple[str, float, FloatArray]]:
-    """Name, compliance and changes (n,) of what carries the robot, but for axes with a spring in the model."""
+def _base(robot: Robot, k: dict[str, float], scores: Scores, asked: Sequence[Parameter]) -> Iterator[_Spring]:
+    """Of what carries the robot, but for axes with a spring in the model."""
     for body in _roots(robot):
         first = next((joint for joint in body.joints if joint.motor is not None), None)
-        if first is None or first.slides or f"k_{first.name}" not in x:
+        if first is None or first.slides or f"k_{first.name}" not in k:
             continue
-        names = [parameter.name for parameter in result.parameters.wanted]
-        c = math.exp(-x[f"k_{first.name}"]) / BASE_RATIO
-        series = {f"k_{first.name}": -1 / BASE_RATIO, f"d_{first.name}": -2 / BASE_RATIO}
+        stiffness = k[f"k_{first.name}"]
         if not any(joint.axis == first.axis for joint in body.joints if joint is not first):
-            yield f"{BASE} about axis {first.name}", c, np.array([series.get(name, 0.0) for name in names])
-        for axis, changes in _torsions(scores, body, c, len(names)):
-            yield f"{BASE} about {axis}", c, changes
+            series = {f"k_{first.name}": -stiffness, f"d_{first.name}": -2 * stiffness}
+            slope = np.array([series.get(parameter.name, 0.0) for parameter in asked])
+            yield _Spring(f"base about axis {first.name}", slope, 1 / (BASE_RATIO * stiffness))
+        yield from _torsions(scores, body, len(asked), "base", 1 / (BASE_RATIO * stiffness))
 
 
-def _bearings(robot: Robot, x: dict[str, float], scores: Scores, n: int) -> Iterator[tuple[str, float, FloatArray]]:
+def _bearings(robot: Robot, k: dict[str, float], scores: Scores, n: int) -> Iterator[_Spring]:
     """Of the bearing across a body's gear, and the link before it; without a gear of its own by the stiffest one."""
     for body in robot.bodies:
-        own = [x[f"k_{joint.name}"] for joint in body.joints if f"k_{joint.name}" in x] or [*x.values()]
+        own = [k[f"k_{joint.name}"] for joint in body.joints if f"k_{joint.name}" in k] or [*k.values()]
         if own and body not in _roots(robot):
-            c = math.exp(-max(own)) / BEARING_RATIO
-            for axis, changes in _torsions(scores, body, c, n):
-                yield f"bearing or link before {body.name} about {axis}", c, changes
+            yield from _torsions(scores, body, n, f"bearing or link before {body.name}", 1 / (BEARING_RATIO * max(own)))
 
 
-def _torsions(scores: Scores, body: Body, c: float, n: int) -> Iterator[tuple[str, FloatArray]]:
-    """By axis: changes (n,) by the elastic rotation before a body, as far as it shows in no residual."""
-    test, names = scores.test, {f"torsion_{body.name}_{axis}": axis for axis in "xyz"}
+def _torsions(scores: Scores, body: Body, n: int, name: str, usual: float) -> Iterator[_Spring]:
+    """Elastic rotations before a body about the axes that the score test has."""
+    test, axes = scores.test, {f"torsion_{body.name}_{axis}": axis for axis in "xyz"}
     for place, number in enumerate(test.numbers):
-        if number.name in names:
+        if number.name in axes:
             information = float(test.S[place, place]) / scores.lines
             is_visible = bool(test.known[place]) and information > 0
-            largest = min(c, math.sqrt(MISFIT.drop / information)) if is_visible else c
-            yield names[number.name], largest * test.response[:n, place]
+            visible = math.sqrt(MISFIT.drop / information) if is_visible else math.inf
+            yield _Spring(f"{name} about {axes[number.name]}", test.response[:n, place], usual, visible)
 
 
 def _roots(robot: Robot) -> tuple[Body, ...]:

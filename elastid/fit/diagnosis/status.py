@@ -95,13 +95,13 @@ def with_status(evidence: Evidence) -> FitResult:
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     """On each parameter that was asked for: good, depends on the file, at its bound, or not to be believed and why."""
-    result, n = evidence.result, len(evidence.result.parameters.wanted)
+    result, n = evidence.result, len(evidence.result.parameters.asked)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = evidence.uncertainty.shift[:n] if _blocks_disagree(evidence) else np.zeros(n)
     noise, file = result.std_by_noise, result.std_by_file
     verdicts = []
-    for i, parameter in enumerate(result.parameters.wanted):
+    for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
             verdicts.append("at its bound")
         elif index is not None and by_index[i] > MISFIT.effect:
@@ -115,14 +115,14 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
 
 def _in_deviations(effects: FloatArray, result: FitResult) -> FloatArray:
     """Changes of the parameters that were asked for (n,), in their standard deviations."""
-    n = len(result.parameters.wanted)
+    n = len(result.parameters.asked)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.nan_to_num(np.abs(effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
 
 
 def _decides(evidence: Evidence) -> BoolArray:
     """True for each parameter asked for (n,) that the status is about: those of fit.wanted, all if it names none."""
-    names, wanted = [p.name for p in evidence.result.parameters.wanted], evidence.assembly.spec.wanted
+    names, wanted = [p.name for p in evidence.result.parameters.asked], evidence.assembly.spec.wanted
     matched = {name for key in wanted for name in matching(key, names)}
     return np.array([name in matched or not matched for name in names])
 
@@ -143,7 +143,7 @@ def decisive_index(
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
-    n = len(result.parameters.wanted)
+    n = len(result.parameters.asked)
     reach = MISFIT.effect * np.sqrt(np.diag(result.covariance)[:n])
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
     decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach))
@@ -160,7 +160,7 @@ def _blocks_disagree(evidence: Evidence) -> bool:
 
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
-    moved = np.flatnonzero((uncertainty.shift[: len(result.parameters.wanted)] > MISFIT.shift) & _decides(evidence))
+    moved = np.flatnonzero((uncertainty.shift[: len(result.parameters.asked)] > MISFIT.shift) & _decides(evidence))
     if not (_blocks_disagree(evidence) and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
@@ -263,7 +263,7 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
             f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
         )
-    wanted = result.parameters.wanted
+    wanted = result.parameters.asked
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:

@@ -48,7 +48,7 @@ def multistart_costs(result: FitResult) -> Figure:
 
 def identifiability(result: FitResult) -> Figure:
     """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
-    n = len(result.parameters.wanted)
+    n = len(result.parameters.asked)
     r, s, names = result.correlation[:n, :n], result.singular_values, result.parameters.free_names[:n]
     side = float(np.clip(0.27 * len(r), 2.4, 7.0))
     letters = 0.25 + 0.075 * max(map(len, names))

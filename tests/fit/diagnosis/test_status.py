@@ -83,7 +83,7 @@ def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() ->
     case = FAULTS["gear ratio 1 % wrong"](true_case())
     data = drawn(case, np.random.default_rng(0))
     result = fit_parameters(data, case.robot, SPEC)
-    verdicts = dict(zip((p.name for p in result.parameters.wanted), result.verdicts, strict=True))
+    verdicts = dict(zip((p.name for p in result.parameters.asked), result.verdicts, strict=True))
     assert result.status == "misfit"
     assert verdicts["k_1"].startswith("not to be believed: ratio_* -0.99 % would move it")
     assert verdicts["k_1x"] == "good"

@@ -1,0 +1,129 @@
+"""Robots that are not as their file says: stiffness within intervals that hold both noise and the file's tolerances."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.data_sheet_arm import SPEC, arm, measure, off
+
+from elastid.fit.assembly import Assembly
+from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.release import measurements_that_help, release, remaining_tolerances
+from elastid.fit.result import FitResult
+from elastid.fit.spec import WeightSpec
+from elastid.robot import Tolerances
+
+STIFF = ("k_1", "k_2", "d_1", "d_2")
+
+
+def fitted(seed: int, tolerances: Tolerances | None) -> FitResult:
+    rng = np.random.default_rng(seed)
+    return identify(measure(off(arm(), rng), rng), arm(tolerances), SPEC)
+
+
+def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
+    """Every stiffness within 3 standard deviations of its interval; noise and file make up the whole of it."""
+    result, held = fitted(3, Tolerances()), fitted(3, None)
+    assert (result.status, held.status) == ("converged", "misfit")
+    truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
+    for name in STIFF:
+        std, noise, file = result.std[name], result.std_by_noise[name], result.std_by_file[name]
+        assert abs(result.values[name] - truth[name]) < 3 * std
+        assert math.hypot(noise, file) == pytest.approx(std)
+        assert 0 < noise < std
+    assert not held.has_tolerances
+    assert set(result.std_by_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
+
+
+def test_a_file_that_is_exact_gives_the_same_as_none() -> None:
+    """To the last bit."""
+    held = Tolerances(
+        mass="exact", inertia="exact", motor_inertia="exact", center_of_mass="exact", length="exact", angle="exact"
+    )
+    exact, none = (fitted(4, each) for each in (held, None))
+    np.testing.assert_array_equal(exact.x, none.x)
+    np.testing.assert_array_equal(exact.covariance, none.covariance)
+
+
+def test_the_part_of_the_noise_is_that_of_a_fit_that_knows_the_robot() -> None:
+    """Of the same robot whose file is right and held: equal to a tenth."""
+    rng = np.random.default_rng(5)
+    responses = measure(arm(), rng)
+    free, held = (identify(responses, arm(each), SPEC) for each in (Tolerances(), None))
+    for name in STIFF:
+        assert free.std_by_noise[name] == pytest.approx(held.std[name], rel=0.1)
+
+
+def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
+    """From the study's own start, where V stays high at the end of the best start."""
+    rng = np.random.default_rng(3)
+    robot, responses = arm(Tolerances()), measure(off(arm(), rng), rng)
+    assembly = Assembly.of(responses, robot, SPEC, choose(SPEC, robot))
+    astray = assembly.parameters.x_bounds[1]
+    end = LocalOptimum(astray, astray, 1e9, 1, True, "")
+    _, _, (best, *_) = release(assembly, [end], robot)
+    (dof,) = {assembly.at(assembly.parameters.x, "complex").problem.dof}
+    assert best.cost < 1.5 * dof
+
+
+def test_the_identified_robot_keeps_what_the_data_left_of_its_tolerances() -> None:
+    """Narrower than those of the file for what moves the response."""
+    result, robot = fitted(3, Tolerances()), arm(Tolerances())
+    left = remaining_tolerances(result, robot)
+    assert left is not None
+    fore = next(body for body in left.bodies if body.name == "fore")
+    assert 0 < fore.mass < 0.03
+    assert 0 < fore.center_of_mass < 0.01 * (1 + 1e-9)
+    assert remaining_tolerances(fitted(3, None), arm()) is None
+
+
+def test_what_to_measure_is_said_with_its_gain() -> None:
+    """Where the file is most of an interval; the tolerances that it names, given, narrow it so."""
+    loose = replace(arm(), tolerances=Tolerances(torque_constant=0.05))
+    rng = np.random.default_rng(6)
+    responses = measure(off(arm(), rng), rng)
+    result = identify(responses, loose, SPEC)
+    (note,) = measurements_that_help(result)
+    assert note in result.notes
+    name, before, after = re.fullmatch(r".* of (\S+) \((\S+) %\): .* it would be (\S+) %", str(note)).groups()
+    assert float(before) == pytest.approx(100 * result.std[name] / result.values[name], rel=0.1)
+    assert float(after) < 0.7 * float(before)
+    assert measurements_that_help(fitted(3, None)) == ()
+
+
+def test_the_bootstrap_draws_the_file_too() -> None:
+    """Where the file is nearly all of an interval, ends are those of the covariance within what 60 draws allow."""
+    loose = replace(arm(), tolerances=Tolerances(torque_constant=0.05))
+    result = identify(measure(arm(), np.random.default_rng(7)), loose, replace(SPEC, bootstrap=60))
+    assert result.std_by_file["k_1"] > 5 * result.std_by_noise["k_1"]
+    low, high = result.bootstrap95[result.parameters.free_names.index("k_1")]
+    assert (high - low) / (4 * result.std["k_1"]) == pytest.approx(1, abs=0.3)
+
+
+@pytest.mark.slow
+def test_measurements_of_one_robot_scatter_less_than_its_file_is_off() -> None:
+    """Forty with torque constants known to 5 %: their scatter is that of a repeated measurement, to what 40 allow."""
+    robot, loose = off(arm(), np.random.default_rng(8)), replace(arm(), tolerances=Tolerances(torque_constant=0.05))
+    spec = replace(SPEC, starts=1, weights=WeightSpec(floor=0.0))
+    results = [fit_parameters(measure(robot, np.random.default_rng(seed)), loose, spec) for seed in range(40)]
+    for name in STIFF:
+        scatter = np.std([result.values[name] for result in results], ddof=1)
+        stated = np.mean([result.std_repeated[name] for result in results])
+        assert 0.7 < scatter / stated < 1.3, name
+    assert results[0].std_repeated["k_1"] < 0.3 * results[0].std["k_1"]
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_of_robots_that_are_off_their_file() -> None:
+    """Of 60 draws: 95 % of k and d within four standard deviations of that count, and none a misfit."""
+    truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
+    results = [fitted(seed, Tolerances()) for seed in range(100, 160)]
+    inside = [low <= truth[name] <= high for r in results for name in STIFF for low, high in [r.interval(name)]]
+    assert 0.95 - 4 * math.sqrt(0.95 * 0.05 / len(inside)) < np.mean(inside)
+    assert {r.status for r in results} == {"converged"}

@@ -1,0 +1,56 @@
+"""Two links with elastic gears, robots that are off their file as CAD and data sheets are, and their responses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring, Tolerances
+
+FREQ = np.linspace(2, 50, 40)
+POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
+SPEC = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=3, seed=1)
+
+
+def arm(tolerances: Tolerances | None = None) -> Robot:
+    """Two links in a vertical plane with elastic gears."""
+    shoulder = Joint("1", "y", Spring(3e4, 60), Motor(2e-3, 60, 1e-2))
+    elbow = Joint("2", "y", Spring(2e4, 40), Motor(1e-3, 60, 1e-2))
+    upper = Body("upper", joints=(shoulder,), mass=40, center_of_mass=(0, 0, 0.4), inertia=(3.0, 3.0, 0.5))
+    fore = Body("fore", "upper", Placement((0, 0, 0.8)), (elbow,), 25.0, (0.3, 0, 0), 1.0)
+    return Robot("arm", (upper, fore), tolerances=tolerances)
+
+
+def off(robot: Robot, rng: np.random.Generator) -> Robot:
+    """The robot with masses 3 %, inertias 10 % (one factor), motor inertias 5 %, centres 10 mm, lengths 1 mm off."""
+    numbers, factor = {}, dict(zip(("upper", "fore"), np.exp(0.1 * rng.standard_normal(2)), strict=True))
+    for name, (value, _) in robot.parameters(("p_fore_z",)).items():
+        z = rng.standard_normal()
+        if name.startswith(("m_", "Jm_")):
+            numbers[name] = value * math.exp((0.03 if name.startswith("m_") else 0.05) * z)
+        elif name.startswith("I_"):
+            numbers[name] = value * factor[name.split("_")[1]]
+        elif name.startswith(("c_", "p_")):
+            numbers[name] = value + (0.01 if name.startswith("c_") else 1e-3) * z
+    return robot.with_parameters(numbers)
+
+
+def measure(robot: Robot, rng: np.random.Generator, noise: float = 0.01) -> list[FrequencyResponse]:
+    """Responses in each posture with noise of known variance."""
+    model, responses = serial(robot), []
+    linearisation = Linearisation.of(model)
+    for i, angles in enumerate(POSTURES):
+        linear = linearisation.at(Configuration(f"c{i}", angles), model.theta, model.inputs, "acceleration")
+        exact = to_response(linear, linear.theta_ref, FREQ)
+        std = noise * np.abs(exact.G)
+        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+        responses.append(replace(exact, G=exact.G + error, noise=Covariance(std**2, np.inf)))
+    return responses
