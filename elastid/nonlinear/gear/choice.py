@@ -1,0 +1,186 @@
+r"""The effects of a robot's gears that its records show, by cross-validation over realisations.
+
+Candidates are judged along the motion under the effects that were found before: with the normal equations of parameters
+and levels, one set for each realisation, a group of effects (a sine with its cosine) is added as long as what it leaves
+of the others' residuals falls. Then parameters and levels are found anew, and with them the motion, until no group is
+added; what is then within three of its standard deviations of 0 is left out again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.linear.linearise import Linearisation
+from elastid.nonlinear.gear.drive_lines import drive_lines
+from elastid.nonlinear.gear.effects import GearEffect, Kind
+from elastid.nonlinear.gear.levels import (
+    Levels,
+    NormalEquations,
+    find_levels,
+    joints_of,
+    normal_equations,
+    priors,
+    start_levels,
+)
+from elastid.nonlinear.gear.motion import estimate_motion
+from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+
+Group: TypeAlias = tuple[GearEffect, ...]
+_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[FrequencyResponse], Linearisation, ParameterSet]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the choice."""
+
+    gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
+    share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
+    std: float = 3.0  # of a level, below which it is left out at the end
+    rounds: int = 8
+
+
+LIMITS = Limits()
+ORDERS = (1.0, 2.0)
+_LOST = 10.0  # times smaller than the start
+_RIVALS: tuple[tuple[Kind, ...], ...] = (("cubic", "progressive"), ("friction",), ("behind",))
+
+
+def candidate_groups(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation) -> list[Group]:
+    """Groups for every joint, on the scales of its own motion."""
+    groups: list[Group] = []
+    joints, _ = joints_of(linearisation)
+    for j, joint in enumerate(joints):
+        speed, deflection = _sizes(data, found, linearisation, j)
+        groups += [(GearEffect("friction", joint, part * speed),) for part in (0.0, 0.02, 0.08)]
+        groups += [(GearEffect("load", joint),), (GearEffect("behind", joint, 0.01 * speed),)]
+        groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
+        groups += [
+            (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
+        ]
+        for order in ORDERS:
+            groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
+            groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
+    return groups
+
+
+def _sizes(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation, j: int) -> tuple[float, float]:
+    """RMS velocity of a motor and deflection of its gear, by the linear model."""
+    speeds, deflections = [], []
+    for lines, drive in zip(data, found.drives, strict=True):
+        q = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U))
+        motor, gear = (np.tensordot(drive.directions(place, j), q, axes=(0, 1)) for place in ("motor", "gear"))
+        speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
+        deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
+    return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
+
+
+def choose_effects(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    parameters: ParameterSet,
+    x: FloatArray,
+    candidates: Sequence[Group] | None = None,
+) -> Levels:
+    """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
+
+    What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
+    start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
+    """
+    arguments = data, responses, linearisation, parameters
+    lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
+    found = start_levels(*arguments, np.where(lost, parameters.x, x))
+    groups = list(candidates if candidates is not None else candidate_groups(data, found, linearisation))
+    for _ in range(LIMITS.rounds):
+        further = [group for group in groups if not _stands(group[0], found.effects)]
+        added = _added(data, responses, linearisation, found, further)
+        if not added:
+            return found if found.rounds else find_levels(*arguments, found.x, ())
+        effects = (*found.effects, *added)
+        found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
+        found = _pruned(arguments, found)
+    return found
+
+
+def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
+    """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other."""
+    rivals = next((family for family in _RIVALS if effect.kind in family), ())
+    return effect in others or any(other.joint == effect.joint and other.kind in rivals for other in others)
+
+
+def _pruned(arguments: _Arguments, found: Levels) -> Levels:
+    """Without what is within some standard deviations of 0, or brakes backwards; sine and cosine go together."""
+    size = found.levels / np.maximum(found.std, 1e-300)
+    of_group: dict[tuple[str, str, float], float] = {}
+    for effect, z in zip(found.effects, size.tolist(), strict=True):
+        of_group[effect.family] = max(of_group.get(effect.family, -np.inf), z if effect.brakes else abs(z))
+    keep = np.array([of_group[effect.family] >= LIMITS.std for effect in found.effects], bool)
+    if keep.all():
+        return found
+    effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
+    return find_levels(*arguments, found.x, effects, found.levels[keep])
+
+
+def _added(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    found: Levels,
+    groups: Sequence[Group],
+) -> list[GearEffect]:
+    """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
+    effects = [*found.effects, *(effect for group in groups for effect in group)]
+    levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
+    joints, ratios = joints_of(linearisation)
+    drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
+    estimates = [
+        estimate_motion(lines, drive, joints, ratios, effects, levels, None)
+        for lines, drive in zip(data, drives, strict=True)
+    ]
+    n_x = len(found.x)
+    sums = normal_equations(data, drives, estimates, n_x, levels)
+    prior = priors(found.parameters, found.x, n_x + len(levels))
+    chosen = list(range(n_x + len(found.levels)))
+    places, first = [], n_x + len(found.levels)
+    for group in groups:
+        places.append(list(range(first, first + len(group))))
+        first += len(group)
+    added: list[GearEffect] = []
+    V = held_out(sums, prior, np.array(chosen))
+    while groups:
+        costs = [
+            np.inf if _stands(group[0], added) else held_out(sums, prior, np.array([*chosen, *own]))
+            for group, own in zip(groups, places, strict=True)
+        ]
+        best = int(np.argmin(costs))
+        if not V - costs[best] > max(LIMITS.gain * len(places[best]), LIMITS.share * V):
+            break
+        chosen += places[best]
+        added += groups[best]
+        V = costs[best]
+    return added
+
+
+def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+    """V of each realisation with the numbers `chosen` (n,) by the step of all others; of all where there is one."""
+    V, R = 0.0, len(sums.A)
+    square = np.ix_(chosen, chosen)
+    for i in range(R):
+        others = [m for m in range(R) if m != i] or [i]
+        A = sums.A[others].sum(axis=0)[square] + prior[0][square]
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        step = (
+            np.linalg.lstsq(
+                A / np.outer(size, size), (sums.b[others].sum(axis=0) + prior[1])[chosen] / size, rcond=1e-10
+            )[0]
+            / size
+        )
+        V += float(sums.c[i] - 2 * sums.b[i][chosen] @ step + step @ sums.A[i][square] @ step)
+    return V

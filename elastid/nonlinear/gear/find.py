@@ -1,0 +1,47 @@
+"""find_gear_effects: records, their responses and a fit -> what the gears do besides being springs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from elastid.base.arrays import IntArray
+from elastid.base.errors import DataError
+from elastid.fit.result import FitResult
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linearise import Linearisation
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear.choice import choose_effects
+from elastid.nonlinear.gear.drive_lines import elastic_joints
+from elastid.nonlinear.gear.levels import Levels
+from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+
+def find_gear_effects(
+    measured: Sequence[Iterable[Record]],
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+    robot: Robot,
+    spec: EstimatorSpec,
+    *,
+    model: ModelSpec = EXACT,
+    planned: IntArray | None = None,
+) -> Levels:
+    """Effects that the records of all configurations show, with their levels and the parameters beside them.
+
+    measured, responses: of each configuration in one order, friction still in both.  result: the fit of these
+    responses.  The parameters of the fit move with the levels, from its optimum on; stiffnesses are those at zero
+    torque.
+    Raises DataError for records without a period, without the angle of an excited motor, and of a robot without elastic
+    gears; StudyError as `analysed_lines` does.
+    """
+    linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
+    if not elastic_joints(linearisation):
+        raise DataError(
+            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
+        )
+    data = [gather_lines(records, spec, planned) for records in measured]
+    return choose_effects(data, responses, linearisation, result.parameters, result.x)

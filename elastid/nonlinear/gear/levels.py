@@ -1,0 +1,212 @@
+r"""Levels of effects and parameters of the model together, from the records' own lines, excited or not.
+
+.. math:: V(x, f) = \sum_{c, k, m} r^H S^{-1} r + priors, \qquad
+          r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
+
+with S the covariance of the residuals, averaged over experiments and neighbouring lines, so that what the model does
+not explain widens the intervals. Gauss-Newton in x and f with the motion held, then the motion along the new x and f,
+until neither moves. The fit of a strongly nonlinear gear starts from that of a linear one and needs no amplitude to be
+small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.linear.linearise import Linearisation
+from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.gear.motion import Estimate, estimate_motion, residuals, smoothed_covariance
+from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+
+_ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
+_STEP = 0.3  # of a logarithmic variable, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
+
+    move: of the last round, in standard deviations.  unexplained: power of the residuals over that of the scatter
+    between periods, the median line.
+    """
+
+    parameters: ParameterSet
+    effects: tuple[GearEffect, ...]
+    x: FloatArray
+    levels: FloatArray
+    covariance: FloatArray
+    rounds: int
+    move: float
+    unexplained: float
+    estimates: tuple[Estimate, ...]
+    drives: tuple[DriveLines, ...]
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance)[len(self.x) :])
+
+
+def joints_of(linearisation: Linearisation) -> tuple[tuple[str, ...], FloatArray]:
+    """The joints with elastic gears, and turns of their motors for one of theirs (n_j,)."""
+    joints, robot = elastic_joints(linearisation), linearisation.model.robot
+    return joints, np.array([robot.ratio(joint) for joint in joints])
+
+
+def find_levels(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    parameters: ParameterSet,
+    x: FloatArray,
+    effects: Sequence[GearEffect],
+    levels: FloatArray | None = None,
+) -> Levels:
+    """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None."""
+    joints, ratios = joints_of(linearisation)
+    levels = np.zeros(len(effects)) if levels is None else levels
+    estimates: list[Estimate | None] = [None] * len(data)
+    move, unexplained, covariance = np.inf, np.inf, np.zeros((0, 0))
+    for count in range(1, _ROUNDS + 1):
+        drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
+        for _ in range(2 if count == 1 else 1):
+            estimates = [
+                estimate_motion(lines, drive, joints, ratios, effects, levels, before)
+                for lines, drive, before in zip(data, drives, estimates, strict=True)
+            ]
+        known = [estimate for estimate in estimates if estimate is not None]
+        sums, (A, b) = (
+            normal_equations(data, drives, known, len(x), levels),
+            priors(parameters, x, len(x) + len(levels)),
+        )
+        covariance = inverse(sums.A.sum(axis=0) + A)
+        step = covariance @ (sums.b.sum(axis=0) + b)
+        std = np.sqrt(np.diag(covariance))
+        move = float(np.max(np.abs(step) / np.where(std > 0, std, np.inf)))
+        shorter = min(1.0, _STEP / max(float(np.abs(step[: len(x)]).max(initial=0.0)), 1e-300))
+        x, levels = x + shorter * step[: len(x)], levels + shorter * step[len(x) :]
+        if move < _MOVE:
+            break
+    unexplained = _unexplained(data, drives, known, levels)
+    return Levels(
+        parameters, tuple(effects), x, levels, covariance, count, move, unexplained, tuple(known), tuple(drives)
+    )
+
+
+def start_levels(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    parameters: ParameterSet,
+    x: FloatArray,
+) -> Levels:
+    """No effects, at x (n_x,) as it is."""
+    drives = tuple(drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True))
+    none = np.zeros(0)
+    estimates = tuple(
+        Estimate(np.zeros((len(c.s), drive.model.n, c.U.shape[2], 0), complex), (np.zeros((0, 0)),) * c.U.shape[2])
+        for c, drive in zip(data, drives, strict=True)
+    )
+    sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
+    unexplained = _unexplained(data, drives, estimates, none)
+    covariance = inverse(sums.A.sum(axis=0) + A)
+    return Levels(parameters, (), x, none, covariance, 0, np.inf, unexplained, estimates, drives)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
+
+    Residuals have unit variance in each real component; n = n_x + n_f.
+    """
+
+    A: FloatArray
+    b: FloatArray
+    c: FloatArray
+
+
+def normal_equations(
+    data: Sequence[PeriodLines],
+    drives: Sequence[DriveLines],
+    estimates: Sequence[Estimate],
+    n_x: int,
+    levels: FloatArray,
+) -> NormalEquations:
+    """The sums about levels (n_f,), the motion held, without priors."""
+    realisations = np.unique(np.concatenate([lines.realisation for lines in data]))
+    R, n = len(realisations), n_x + len(levels)
+    A, b, c = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R)
+    for lines, drive, estimate in zip(data, drives, estimates, strict=True):
+        r = residuals(lines, drive, estimate.Phi, levels)
+        on = np.flatnonzero(lines.excited)
+        used = slice(int(on[0]) // 2, min(len(r), int(1.2 * on[-1]) + 1))
+        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r)[used] / 2))
+        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate.Phi, levels, n_x)[used])
+        e = white @ r[used]
+        for i in np.searchsorted(realisations, np.unique(lines.realisation)):
+            own = lines.realisation == realisations[i]
+            J_i, e_i = J[:, :, own].reshape(-1, n), e[:, :, own].ravel()
+            A[i] += (J_i.conj().T @ J_i).real
+            b[i] += (J_i.conj().T @ e_i).real
+            c[i] += float(np.sum(np.abs(e_i) ** 2))
+    return NormalEquations(A, b, c)
+
+
+def priors(parameters: ParameterSet, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """What the priors add to A (n, n) and b (n,) at x (n_x,)."""
+    mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
+    slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
+    A, b = np.zeros((n, n)), np.zeros(n)
+    A[: len(x), : len(x)] = np.diag(slope**2)
+    b[: len(x)] = slope**2 * (mean - x)
+    return A, b
+
+
+def inverse(A: FloatArray) -> FloatArray:
+    """A^-1 (n, n) of a normal matrix of any units; 0 along what it does not know."""
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
+
+
+def _jacobian(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: FloatArray, n_x: int) -> ComplexArray:
+    """- dr / d(x, f) (F, n_u, M, n_x + n_f), the motion held."""
+    F, n_u, M = lines.Y.shape
+    J = np.zeros((F, n_u, M, n_x + len(levels)), complex)
+    order = {"position": 0, "velocity": 1, "acceleration": 2}[drive.model.quantity]
+    dG = drive.kernel.evaluate(drive.theta)[1] / lines.s[:, None, None] ** order
+    CH = drive.C @ drive.H
+    q = drive.H @ np.tensordot(Phi, levels, axes=1)
+    for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
+        slope = of_line @ lines.U
+        own = drive.model.slopes.get(name)
+        if own is not None:
+            dZ = sum(
+                (
+                    part * lines.s[:, None, None] ** power
+                    for power, part in enumerate((own.K, own.D, own.M))
+                    if part is not None
+                ),
+                start=np.zeros((F, drive.model.n, drive.model.n), complex),
+            )
+            slope = slope + drive.sensor[:, :, None] * (CH @ (dZ @ q))
+        J[..., :n_x] += slope[..., None] * row
+    J[..., n_x:] = -np.einsum("fa,fan,fnmi->fami", drive.sensor, CH, Phi)
+    return J
+
+
+def _unexplained(
+    data: Sequence[PeriodLines], drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray
+) -> float:
+    ratios = []
+    for lines, drive, estimate in zip(data, drives, estimates, strict=True):
+        r = residuals(lines, drive, estimate.Phi, levels)
+        on = lines.excited
+        ratios.append(np.mean(np.abs(r[on]) ** 2, axis=2) / np.maximum(lines.scatter[on], 1e-300))
+    return float(np.median(np.concatenate(ratios)))

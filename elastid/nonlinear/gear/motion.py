@@ -1,0 +1,251 @@
+r"""The motion behind the gears, which no sensor sees: measured torque and angle weighed against each other.
+
+.. math:: \hat q = q_0 + H W (C H)^H [C H W (C H)^H + \sigma^2]^{-1} (y - C q_0), \qquad
+          q_0 = H (B u - \sum_i f_i P_i \Phi_i(\hat q))
+
+W: covariance of the torque that the model does not explain, at motors and links, from the residuals; sigma^2: noise of
+the angles. Effects that depend on the motion itself make this an equation for the deflections of gears and velocities
+of links x (t) over a period, x + A f Phi(x) = x_0 with A the response of the estimate to forces, which is solved by
+Newton's method, each step by GMRES with two FFTs a product: only these unknowns are nonlinear. (The response of a
+linear structure with few nonlinear elements by alternating frequency and time, Cameron and Griffin, J. Appl. Mech. 56,
+1989.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.nonlinear.gear.drive_lines import DriveLines
+from elastid.nonlinear.gear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error
+from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+
+# Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
+# is measured, what moves the link is not.
+_AT_LINKS = 10.0
+_WINDOW = 15  # lines over which the power of residuals is averaged
+_STEPS, _HALVINGS, _NEAR = 8, 5, 1e-4  # Newton's method
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Phi (F, n, M, n_f): forces on the model's coordinates by effects of level 1.  unknowns: x (n_x, n) of each
+    experiment, to start from.  r (F, n_u, M): residuals of the angles.
+    """
+
+    Phi: ComplexArray
+    unknowns: tuple[FloatArray, ...]
+
+
+def residuals(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: FloatArray) -> ComplexArray:
+    """y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
+    explained = drive.C @ drive.H @ np.tensordot(Phi, levels, axes=1)
+    return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
+
+
+def smoothed_covariance(r: ComplexArray) -> ComplexArray:
+    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines."""
+    S = r @ r.conj().swapaxes(1, 2) / r.shape[2]
+    kernel, half = np.ones(_WINDOW) / _WINDOW, _WINDOW // 2
+    padded = np.pad(S, ((half, half), (0, 0), (0, 0)), mode="edge").reshape(len(S) + 2 * half, -1)
+    columns = [np.convolve(column, kernel, "valid") for column in padded.T]
+    return np.stack(columns, axis=1).reshape(S.shape)
+
+
+def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArray:
+    """Of the estimate to residuals of the angles (F, n, n_u)."""
+    CH = drive.C @ drive.H
+    size = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
+    size = size / size.max()
+    rows = [drive.B.T, _AT_LINKS**0.5 * drive.places["link"]]
+    weights = np.concatenate([size, np.resize(size, len(rows[1]))])
+    P = np.concatenate(rows).T
+    W = P * weights @ P.T
+    noise = np.diag(lines.noise)
+    of_torque = CH @ W @ CH.conj().swapaxes(1, 2)
+    power = np.einsum("fii->f", S).real - lines.noise.sum()
+    scale = np.maximum(power, 1e-3 * np.einsum("fii->f", S).real) / np.einsum("fii->f", of_torque).real
+    covariance = scale[:, None, None] * of_torque + noise
+    return np.asarray(scale[:, None, None] * (drive.H @ W @ CH.conj().swapaxes(1, 2)) @ np.linalg.inv(covariance))
+
+
+def estimate_motion(
+    lines: PeriodLines,
+    drive: DriveLines,
+    joints: Sequence[str],
+    ratios: FloatArray,
+    effects: Sequence[GearEffect],
+    levels: FloatArray,
+    before: Estimate | None,
+) -> Estimate:
+    """The motion of all experiments under effects of given levels (n_f,), and the effects along it."""
+    F, _, M = lines.U.shape
+    Phi = np.zeros((F, drive.model.n, M, len(effects)), complex) if before is None else before.Phi
+    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, Phi, levels)))
+    of_force = drive.H - gain @ (drive.C @ drive.H)
+    implicit = np.array([effect.is_implicit for effect in effects], bool)
+    given = np.tensordot(Phi[..., ~implicit], levels[~implicit], axes=1)
+    base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - given)
+    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None]
+    base = base + gain @ (y - drive.C @ base)
+    moved, unknowns = np.zeros_like(Phi), []
+    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force)
+    for m in range(M):
+        q, x = problem.solve(base[:, :, m], m, before.unknowns[m] if before is not None else None)
+        unknowns.append(x)
+        for j in range(len(joints)):
+            own = [i for i, effect in enumerate(effects) if effect.joint == joints[j]]
+            if own:
+                motion = problem.motion(q, j, m, x)
+                for i in own:
+                    for place, phi in forces(effects[i], motion):
+                        moved[:, :, m, i] += lines.amplitudes(phi)[:, None] * drive.directions(place, j)
+    return Estimate(moved, tuple(unknowns))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The unknown deflections and link velocities of one configuration; of_force (F, n, n): q by force."""
+
+    lines: PeriodLines
+    drive: DriveLines
+    joints: tuple[str, ...]
+    ratios: FloatArray
+    effects: tuple[GearEffect, ...]
+    levels: FloatArray
+    of_force: ComplexArray
+
+    @property
+    def signals(self) -> list[tuple[str, int]]:
+        """Kind and joint of each unknown."""
+        wanted = {(effect.signal, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
+        return sorted(wanted)
+
+    def solve(self, base: ComplexArray, m: int, start: FloatArray | None) -> tuple[ComplexArray, FloatArray]:
+        """Motion (F, n) of an experiment from its estimate without implicit effects, and the unknowns (n_x, n)."""
+        signals, drive, lines = self.signals, self.drive, self.lines
+        if not signals:
+            return base, np.zeros((0, 0))
+        rows = np.array([drive.directions("gear" if kind == "deflection" else "link", j) for kind, j in signals])
+        power = np.where([kind == "deflection" for kind, _ in signals], 0, 1)
+        s = lines.s[:, None] ** power
+        x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
+        A = s[:, :, None] * (rows @ self.of_force @ rows.T)
+        softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
+        x = newton(self._law, _Linear(lines, A, softness), x_0, x_0 if start is None else start)
+        torque = lines.amplitudes(self._law(x)[0]).T
+        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
+
+    @property
+    def _at_rest(self) -> FloatArray:
+        """The unknowns (n_x,) at rest under gravity."""
+        return np.array([self.drive.torque[j] / self.drive.k[j] if kind == "deflection" else 0.0
+                         for kind, j in self.signals])  # fmt: skip
+
+    def _errors(self, base: ComplexArray, m: int) -> FloatArray:
+        """Transmission errors (n_x, n) in the unknown deflections."""
+        total = np.zeros((len(self.signals), self.lines.samples * CELLS))
+        for i, (kind, j) in enumerate(self.signals):
+            if kind == "deflection":
+                total[i] = self._error(base, j, m)
+        return total
+
+    def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
+        """Transmission error (n,) of a joint along the motion of its motor."""
+        own = [(effect, f) for effect, f in zip(self.effects, self.levels, strict=True)
+               if effect.joint == self.joints[j] and effect.kind.startswith("error")]  # fmt: skip
+        angle = self._angle(q, j, m)
+        none = np.zeros(len(angle))
+        plain = GearMotion(angle, none, none, none, none, float(self.ratios[j]), 0.0, 0.0)
+        return np.asarray(sum((f * periodic_error(effect, plain)[0] for effect, f in own), start=none))
+
+    def _angle(self, q: ComplexArray, j: int, m: int) -> FloatArray:
+        row = self.drive.directions("motor", j)
+        return np.asarray(self.lines.fine((q @ row)[None])[0] + row @ self.drive.B @ self.lines.mean[:, m])
+
+    def _law(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Force (n_x, n) by each unknown, and its slope."""
+        force, slope = np.zeros_like(x), np.zeros_like(x)
+        for effect, f in zip(self.effects, self.levels, strict=True):
+            if effect.is_implicit and f:
+                i = self.signals.index((effect.signal, self.joints.index(effect.joint)))
+                phi, dphi = implicit_law(effect, x[i])
+                force[i] += f * phi
+                slope[i] += f * dphi
+        return force, slope
+
+    def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray) -> GearMotion:
+        """Motion of a joint in an experiment from its estimate q (F, n) and unknowns x (n_x, n)."""
+        lines, drive, signals = self.lines, self.drive, self.signals
+        motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
+        error = self._error(q, j, m)
+        deflection = lines.fine(gear[None])[0] + drive.torque[j] / drive.k[j] + error
+        if ("deflection", j) in signals:
+            deflection = x[signals.index(("deflection", j))]
+        velocity, link_velocity = lines.fine(np.stack([lines.s * motor, lines.s * link]))
+        if ("link velocity", j) in signals:
+            link_velocity = x[signals.index(("link velocity", j))]
+        torque = drive.k[j] * deflection + drive.d[j] * lines.fine((lines.s * gear)[None])[0]
+        if ("deflection", j) in signals:
+            torque = torque + self._law(x)[0][signals.index(("deflection", j))]
+        return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
+                          float(drive.k[j]), float(drive.d[j]))  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest."""
+
+    lines: PeriodLines
+    A: ComplexArray
+    softness: FloatArray
+
+    def __call__(self, force: FloatArray) -> FloatArray:
+        X = (self.A @ self.lines.amplitudes(force).T[:, :, None])[:, :, 0]
+        return np.asarray(self.lines.fine(X.T) + (force.mean(axis=1) * self.softness)[:, None])
+
+
+def newton(
+    law: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    linear: Callable[[FloatArray], FloatArray],
+    x_0: FloatArray,
+    x: FloatArray,
+) -> FloatArray:
+    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0; law gives a force and its slope, point by point.
+
+    Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
+    """
+    size = np.std(x_0, axis=1)[:, None] + 1e-300
+
+    def error(x: FloatArray) -> FloatArray:
+        return np.asarray((x - x_0 + linear(law(x)[0])) / size)
+
+    def norm(e: FloatArray) -> float:
+        return float(np.sqrt(np.mean(e**2)))
+
+    e = error(x)
+    if norm(error(x_0)) < norm(e):
+        x, e = x_0, error(x_0)
+    for _ in range(_STEPS):
+        if norm(e) < _NEAR:
+            break
+        slope = law(x)[1]
+
+        def product(v: FloatArray, slope: FloatArray = slope) -> FloatArray:
+            v = v.reshape(x_0.shape) * size
+            return np.asarray((v + linear(slope * v)) / size).ravel()
+
+        operator = LinearOperator((x.size, x.size), matvec=product, dtype=np.float64)
+        step = gmres(operator, -e.ravel(), rtol=3e-2, restart=40, maxiter=1)[0].reshape(x.shape) * size
+        for halving in range(_HALVINGS + 1):
+            trial = error(x + step / 2**halving)
+            if norm(trial) < norm(e):
+                x, e = x + step / 2**halving, trial
+                break
+        else:
+            break
+    return x

@@ -1,0 +1,113 @@
+"""Mean periods of a configuration's records on all DFT lines up to a frequency, excited or not; their fine grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.fft import irfft, rfft
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError
+from elastid.excitation.grids import line_frequencies
+from elastid.frf.lines import analysed_lines, spectra_of
+from elastid.frf.period_selection import trusted
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
+from elastid.record import Configuration, Record
+
+CELLS = 8  # of the fine grid in a sample: reversals of friction fall between samples
+# Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
+REACH = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodLines:
+    """Amplitudes of M experiments of one configuration at lines 1 to F: torques U (F, n_u, M), angles Y (F, n_u, M).
+
+    Y of the motors that U acts on, in their order, rad on the link side.  mean (n_u, M): mean angles.  noise (n_u,):
+    variance of the noise of an element of Y that does not fall with frequency.  scatter (F, n_u): variance of the mean
+    over the periods, of Y.  excited (F,).  samples: of a period.
+    """
+
+    configuration: Configuration
+    rate_hz: float
+    samples: int
+    U: ComplexArray
+    Y: ComplexArray
+    mean: FloatArray
+    noise: FloatArray
+    scatter: FloatArray
+    excited: BoolArray
+    realisation: IntArray
+
+    @cached_property
+    def freq_hz(self) -> FloatArray:
+        """Frequencies (F,)."""
+        return line_frequencies(np.arange(1, len(self.U) + 1), self.rate_hz, self.samples)
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """j omega (F,)."""
+        return np.asarray(2j * np.pi * self.freq_hz)
+
+    def fine(self, X: ComplexArray) -> FloatArray:
+        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
+        n = self.samples * CELLS
+        padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
+        padded[..., 1 : X.shape[-1] + 1] = X
+        return np.asarray(irfft(padded, n) * (n / 2))
+
+    def amplitudes(self, x: FloatArray) -> ComplexArray:
+        """Amplitudes (..., F) of signals (..., n) on the fine grid."""
+        return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
+
+
+def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
+    """The mean over the periods that can be trusted, of the records of one configuration.
+
+    Raises DataError and StudyError as `analysed_lines` does; DataError where the angle of an excited motor is missing.
+    """
+    records = tuple(log for record in measured for log in single_logs(record))
+    first = records[0]
+    if not first.is_periodic:
+        raise DataError(
+            f"configuration {first.configuration.name}: the records have no period; what gears do is found from the "
+            "lines of a periodic excitation, those between the excited ones among them"
+        )
+    missing = [place for place in first.inputs if place not in first.outputs]
+    if missing:
+        raise DataError(
+            f"configuration {first.configuration.name}: the angle of {', '.join(missing)} is not among the outputs; "
+            "what a gear does is found from the motion of its motor: log it"
+        )
+    columns = [first.outputs.index(place) for place in first.inputs]
+    excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
+    highest = min(int(REACH * excited[-1]), first.period_samples // 2 - 1)
+    lines = np.arange(1, highest + 1)
+    periods = [_periods(record, lines, np.isin(lines, excited), spec) for record in records]
+    of_periods = [each.Y[:, :, columns] for each in periods]
+    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
+    # Of a single period the highest lines show noise, where a robot barely moves.
+    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
+    logged = np.array([first.quantities[i] == "position" for i in columns])
+    return PeriodLines(
+        first.configuration,
+        first.rate_hz,
+        first.period_samples,
+        np.stack([each.U.mean(axis=0) for each in periods], axis=2),
+        np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
+        np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
+        scatter,
+        np.isin(lines, excited),
+        np.array([record.realisation for record in records]),
+    )
+
+
+def _periods(record: Record, lines: IntArray, excited: BoolArray, spec: EstimatorSpec) -> PeriodSpectra:
+    """Angles and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
+    every = period_spectra(RecordSpectra(replace(record, half_wave=False)), lines, "position")
+    return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every

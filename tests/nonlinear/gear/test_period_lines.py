@@ -1,0 +1,55 @@
+"""Mean periods against the signals that they are of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import DataError
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.gear.period_lines import CELLS, gather_lines
+from elastid.record import Configuration, Record
+
+RATE_HZ, N, P = 500.0, 500, 3
+SPEC = EstimatorSpec(friction="none", transient_periods=0)
+
+
+def record(noise: float = 0.0, **changes: object) -> Record:
+    """Torque of lines 5 and 9 and an angle of lines 1 and 5 about 0.3 rad."""
+    t, rng = np.arange(P * N) / RATE_HZ, np.random.default_rng(3)
+    u = 2 * np.cos(2 * np.pi * 5 * t + 0.4) + np.cos(2 * np.pi * 9 * t)
+    y = 0.3 + 0.02 * np.sin(2 * np.pi * t) + 0.001 * np.cos(2 * np.pi * 5 * t) + noise * rng.standard_normal(P * N)
+    places = ("motor 1",)
+    made = Record(
+        "r", Configuration("a", (0.3,)), 0, 0, RATE_HZ, N, places, places, ("position",), u[:, None], y[:, None]
+    )
+    return replace(made, **changes)
+
+
+def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
+    lines = gather_lines([record()], SPEC, np.array([5, 9]))
+    assert lines.freq_hz[:3] == pytest.approx([1.0, 2.0, 3.0])
+    assert lines.U[[4, 8], 0, 0] == pytest.approx([2 * np.exp(0.4j), 1.0])
+    assert lines.Y[[0, 4], 0, 0] == pytest.approx([-0.02j, 0.001])
+    assert lines.mean[0] == pytest.approx([0.3])
+    assert np.flatnonzero(lines.excited).tolist() == [4, 8]
+
+
+def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
+    lines = gather_lines([record()], SPEC, np.array([5, 9]))
+    t = np.arange(N * CELLS) / (RATE_HZ * CELLS)
+    fine = lines.fine(lines.Y[:, :, 0].T)[0]
+    assert fine == pytest.approx(0.02 * np.sin(2 * np.pi * t) + 0.001 * np.cos(2 * np.pi * 5 * t), abs=1e-12)
+    assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
+
+
+def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
+    """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
+    many = [record(1e-5, name=f"r{i}") for i in range(1)]
+    lines = gather_lines(many, SPEC, np.array([5, 100]))
+    assert lines.noise[0] == pytest.approx(4 * 1e-5**2 / (N * P), rel=0.5)
+
+
+def test_an_angle_that_was_not_logged_is_named() -> None:
+    with pytest.raises(DataError, match="the angle of motor 1 is not among the outputs"):
+        gather_lines([record(outputs=("joint 1",))], SPEC, np.array([5, 9]))
