@@ -10,7 +10,7 @@ from elastid.nonlinear.choice import Choice, neighbours_of, refined
 from elastid.nonlinear.levels import NormalEquations
 from elastid.nonlinear.shapes import Shape
 
-CHOSEN, EVERY = np.array([0]), np.arange(3)
+CHOSEN, EVERY, NONE = np.array([0]), np.arange(3), np.arange(0)
 F_C = 9.0
 
 
@@ -36,7 +36,7 @@ def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C
 
 def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
     """Of two shapes that differ by a part of 0.001 one or the other has it all; the third has none of it."""
-    shapes, covariance = neighbours_of(regression(1e-3, 0), CHOSEN, EVERY)
+    shapes, covariance = neighbours_of(regression(1e-3, 0), CHOSEN, EVERY, NONE)
     np.testing.assert_array_equal(shapes, [0, 1])
     std = np.sqrt(np.diag(covariance))
     assert np.all(std > 0.5 * F_C)
@@ -46,7 +46,7 @@ def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
 
 def test_a_choice_without_alternatives_adds_nothing() -> None:
     """Shapes that differ are distinguished."""
-    shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY)
+    shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY, NONE)
     np.testing.assert_array_equal(shapes, CHOSEN)
     assert covariance[0, 0] == 0
 
@@ -57,7 +57,7 @@ def test_the_covariance_covers_what_other_data_would_choose() -> None:
     ratios = []
     for seed in range(40):
         equations = regression(0.25, seed, truth)
-        _, covariance = neighbours_of(equations, CHOSEN, EVERY)
+        _, covariance = neighbours_of(equations, CHOSEN, EVERY, NONE)
         alone = equations.b[0, 0] / equations.A[0, 0, 0]
         variance = covariance.sum() + 0.5 / equations.A[0, 0, 0]
         ratios.append((alone - F_C) / np.sqrt(variance))
@@ -67,7 +67,7 @@ def test_the_covariance_covers_what_other_data_would_choose() -> None:
 
 def test_nothing_chosen_has_no_alternatives() -> None:
     """Of a motor that keeps its friction."""
-    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY)[0]) == 0
+    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY, NONE)[0]) == 0
 
 
 PLACES = ("motor 1", "motor 2")
