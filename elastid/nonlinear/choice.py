@@ -47,7 +47,7 @@ class Limits:
     weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
-    # Std of a motor's levels, all as one factor, by what no shape has: under Stribeck's and LuGre's laws F_c is 1 to 3 %
+    # Std of a motor's levels, all as one factor, by what no shape has: under laws of Stribeck and LuGre F_c is 1 to 3 %
     # off (scripts/studies/friction_words.py).
     shape_error: float = 0.02
     # Chance at which friction of one level is said to differ between configurations, of normal levels.

@@ -25,10 +25,11 @@ COMMANDS = "new check explain inspect run design measure estimate fit validate c
 
 _SETTING = re.compile(
     rf"(?<![\w.])((?:[a-z_]+(?:\[\])?\.)*([a-z_]+)(?:\.{GAP})?): ?"
-    rf"(\{{.*\}}|\[[^\]]*\]|[\w{GAP}./*+-]*\w|{GAP}|-?[\d.]+)"
+    rf"(\{{.*\}}|\[[^\]]*\]|[\w{GAP}./*+-]*\w(?!\w|: )|{GAP}|-?[\d.]+)"
 )
 _COMMAND = re.compile(
-    rf"\belastid (?:{'|'.join(COMMANDS.split())})\b[^`,;:)]*|\belastid {GAP}[^`,;:)]*|(?<![\w-])--[a-z][a-z-]*[^`,;:)]*"
+    rf"\belastid (?:{'|'.join(COMMANDS.split())})\b[^`,;:)]*|(?<=`)elastid {GAP}[^`,;:)]*|"
+    r"--set '[^']*'|(?<![\w-])--[a-z][a-z-]*[^`,;:)]*"
 )
 # Words behind which a setting whose value is filled in is advice, and not what was found.
 _URGES = re.compile(r"\b(give|take|set|state|say|with|to be)( that| the| one| of| them| channels?| its| their)*$|^$")
@@ -68,6 +69,8 @@ def advices() -> tuple[Advice, ...]:
 
 
 def _settings(message: str) -> Iterator[str]:
+    if re.match(r"[\w.]+=|--set ", message):  # an override that the code makes, or a part of a command
+        return
     for match in _SETTING.finditer(message):
         path, name, value = match.groups()
         # At the head of a message stands the place that it is about, unless the setting is all of it.
@@ -84,9 +87,9 @@ def _settings(message: str) -> Iterator[str]:
 
 
 def _commands(message: str) -> Iterator[str]:
-    if " " in message and not message.startswith("--"):
-        for match in _COMMAND.finditer(message):
-            yield match[0].strip()
+    if " " in message:  # an option by itself is its declaration
+        found = (m for m in _COMMAND.finditer(message) if m.start() > 0 or m[0].startswith(("elastid", "--set '")))
+        yield from (match[0].strip() for match in found)
 
 
 def messages() -> Iterator[tuple[str, str]]:

@@ -11,14 +11,25 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import single_logs, whole_logs
+from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.pass_checks import check_counts
 from elastid.record import FrictionRecord, Record
 from elastid.recorded.channel_doubts import channel_doubts
 from elastid.recorded.drive_notes import drive_notes
+from elastid.recorded.friction_logs import read_friction_logs
+from elastid.recorded.link_side import to_joints
+from elastid.recorded.responses.table import ResponseTable
+from elastid.recorded.rig import RecordedRig
+from plants import friction_logs, lab_logs
 from plants.advice import Desk, case, pasted, refusal, rendered, value_of
 from plants.friction_logs import SPEEDS, THERMOMETER_LINE, sliding_torque, trapezoids, write_log, write_study
-from plants.lab_logs import N, measured, save_csv, study_of
+from plants.lab_logs import N, measured, save_csv, study_of, write_matlab
+from plants.steady_record import steady_record
 
 NO_PERIOD: dict[str, Any] = {"period_samples": None, "period": "none"}
 
@@ -266,3 +277,122 @@ def passes_of_logs(desk: Desk) -> None:
         )
         == ""
     )
+
+
+@case("recorded/files/log.py", "column: 1")
+def matrix_in_a_file(desk: Desk) -> None:
+    write_matlab(desk.folder, lab_log(desk))
+    u, y = ChannelSpec("u", "motor 1", "run(1).w"), ChannelSpec("y", "motor 1", "rec.cur", quantity="position")
+
+    def said(*channels: ChannelSpec) -> str:
+        return refusal(lambda: measured(desk.folder, study_of("log.mat", channels)))
+
+    column = value_of(rendered("column: 1", said(u, y)))
+    assert "give column" not in said(u, replace(y, column=column))
+
+
+@case("recorded/responses/table.py", "column: 1")
+def unnamed_responses(desk: Desk) -> None:
+    table = ResponseTable(desk.folder / "a.mat", np.ones(3), "Hz", np.ones((3, 1, 1), complex))
+    channel = ChannelSpec("y", "motor 1", "w", quantity="velocity")
+    column = value_of(rendered("column: 1", refusal(lambda: table.index(channel))))
+    assert table.index(replace(channel, channel="", column=column)) == 0
+
+
+@case("recorded/link_side.py", "side: motor")
+def half_of_coupled_gears(desk: Desk) -> None:
+    from model.test_gears import LINKS, wrist
+
+    channels = [ChannelSpec("u", f"motor {n}", f"t{n}", side="motor") for n in LINKS]
+    side = value_of(rendered("side: motor", refusal(lambda: to_joints([*channels[:2], *channels[3:]], wrist()))))
+    further = ChannelSpec("u", channels[2].at, "further", side=side)
+    assert refusal(lambda: to_joints([*channels[:2], further, *channels[3:]], wrist())) == ""
+
+
+def estimated(desk: Desk, files: tuple[FileSpec, ...], **keys: Any) -> str:
+    """Why no response is estimated from files without a period; empty where one is."""
+    spec = study_of("log.csv", files=files, **NO_PERIOD)
+    rig = RecordedRig(lab_logs.ROBOT, spec, desk.folder)
+
+    def attempt() -> None:
+        estimate([rig.measure(experiment) for experiment in rig.experiments], EstimatorSpec(**keys))
+
+    return refusal(attempt)
+
+
+@case("frf/estimate.py", "samples: [first, last]")
+def transient_without_a_period(desk: Desk) -> None:
+    noise(desk, 3000, 3000)
+    files = tuple(FileSpec(f"{i}.csv", "home", i) for i in range(2))
+    said = estimated(desk, files, method="h1", transient_periods=1)
+    cut = tuple(value_of(filled(rendered("samples: [first, last]", said), 500, 3000)))
+    assert estimated(desk, tuple(replace(file, samples=cut) for file in files), method="h1") == ""
+
+
+@case("frf/local/response.py", "samples: [first, last]")
+def records_of_two_lengths(desk: Desk) -> None:
+    noise(desk, 3000, 1000)
+    files = tuple(FileSpec(f"{i}.csv", "home", i) for i in range(2))
+    said = estimated(desk, files, method="local_rational")
+    cut = tuple(value_of(filled(rendered("samples: [first, last]", said), 0, 1000)))
+    assert estimated(desk, (replace(files[0], samples=cut), files[1]), method="local_rational") == ""
+
+
+@case("frf/spectra.py", "samples: [first, last]")
+def missing_samples_for_a_local_method(desk: Desk) -> None:
+    record = replace(steady_record(), starts=(1,), left_out=(2,))
+    assert rendered("samples: [first, last]", refusal(lambda: whole_logs([record])))
+    whole, n = single_logs(record)[0], single_logs(record)[0].n_samples
+    cut = replace(whole, u=whole.u[: n // 2], y=whole.y[: n // 2], period_samples=n // 2)
+    assert refusal(lambda: whole_logs([cut])) == ""
+
+
+def noise(desk: Desk, *lengths: int) -> None:
+    """Logs of noise in the folder, 0.csv and so on, of some lengths."""
+    rng = np.random.default_rng(0)
+    for i, n in enumerate(lengths):
+        save_csv(desk.folder / f"{i}.csv", {name: rng.normal(size=n) for name in ("i1", "i2", "phi", "w2")})
+
+
+def filled(text: str, first: int, last: int) -> str:
+    """The advice with the samples that the user knows."""
+    return text.replace("first", str(first)).replace("last", str(last))
+
+
+@case("friction_study/motion.py", "files[].purpose: run_down")
+def motion_one_way(desk: Desk) -> None:
+    from friction_study.test_run_down import CHANNELS as RUN_DOWN
+    from friction_study.test_run_down import RATE, coasting
+    from friction_study.test_run_down import ROBOT as JOINT
+
+    rows = "\n".join(f"-1,{x:.9g}" for x in coasting(40.0, -1.0))
+    (desk.folder / "0.csv").write_text(f"torque,angle\n{rows}\n")
+
+    def found(purpose: str) -> None:
+        recorded = RecordedSpec(float(RATE), RUN_DOWN, (FileSpec("0.csv", purpose="run_down"),))
+        logs = read_friction_logs(JOINT, ExperimentSpec(recorded=recorded), desk.folder, ["1"], {})
+        records = tuple(replace(record, purpose=purpose) for record in logs.records)
+        find_joint_levels(JOINT, JOINT.driven, replace(logs, records=records))
+
+    assert (
+        refusal(lambda: found(value_of(rendered("files[].purpose: run_down", refusal(lambda: found("motion")))))) == ""
+    )
+
+
+@case("friction_study/identify.py", "law.presliding: maxwell_slip", slow=True)
+def bristles_without_a_spring(desk: Desk) -> None:
+    """Loops before sliding of a joint that has no spring: the note is there, and Maxwell's elements have none."""
+    q = trapezoids(SPEEDS)
+    write_log(desk.folder / "log.csv", q, sliding_torque(q))
+    t = np.arange(10_000) / friction_logs.RATE
+    bent = 1e-3 * np.sin(2 * np.pi * 0.5 * t) * (1 + t) / 20
+    write_log(desk.folder / "loops.csv", bent, 8e3 * bent)
+    write_study(desk.folder, ("{path: log.csv}", "{path: loops.csv, purpose: loops}"))
+
+    def said(*overrides: str) -> str:
+        words = [word for override in overrides for word in ("--set", override)]
+        study, run = str(desk.folder / "study.yml"), str(desk.folder / "run")
+        return desk.said("run", study, "--run", run, "--jobs", "1", *words)[1]
+
+    text = rendered("law.presliding: maxwell_slip", said("friction.law.presliding=lugre"))
+    assert "a LuGre law by shooting takes" not in said(pasted(text, "friction."))

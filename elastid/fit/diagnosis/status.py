@@ -86,7 +86,7 @@ def with_status(evidence: Evidence) -> FitResult:
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
     if misfit := _by_blocks(evidence) or _by_held_number(evidence):
-        return ended("misfit", f"converged{held}, but {misfit}")
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
