@@ -49,7 +49,7 @@ class Limits:
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
     # Std of a motor's levels, all as one factor, by what no shape has: under laws of Stribeck and LuGre F_c is 1 to 3 %
     # off (scripts/studies/friction_words.py).
-    shape_error: float = 0.02
+    shape_error: float = 0.03
     # Chance at which friction of one level is said to differ between configurations, of normal levels.
     dependence_by_chance: float = 1e-5
     # Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a

@@ -201,9 +201,7 @@ class Limits:
 
     near_bound: float = 1e-4  # share of a range within which x is at its bound
     held_share: float = 0.5  # of the starts that end at a bound
-    # Of the ends of an interval, beyond which a parameter is weakly determined, or not at all.
-    interval_factor: float = 10.0
-    unconstrained_factor: float = 1e6
+    interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
     singular_value: float = 1e-3  # the least, as a share of the largest
     part_of_direction: float = 0.2  # of a parameter in the least determined direction
@@ -267,9 +265,8 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
-            interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
-            far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
-            yield Note("weakly-determined", f"{parameter.name} is weakly determined: {far}")
+            # Without the interval: that of the table may be found later, by profile likelihood.
+            yield Note("weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
     for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
         yield Note("correlated", text)
