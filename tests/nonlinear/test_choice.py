@@ -3,10 +3,12 @@
 Signs turn over the speed that friction has, not over one of those that are tried.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from elastid.nonlinear.choice import Choice, neighbours_of, refined
+from elastid.nonlinear.choice import Choice, choose_shapes, neighbours_of, refined
 from elastid.nonlinear.levels import NormalEquations
 from elastid.nonlinear.shapes import Shape
 
@@ -63,6 +65,19 @@ def test_the_covariance_covers_what_other_data_would_choose() -> None:
         ratios.append((alone - F_C) / np.sqrt(variance))
     assert np.mean(np.abs(ratios) < 1.96) > 0.85
     assert np.std(ratios) > 0.4
+
+
+def test_of_rivals_one_is_chosen_and_none_is_an_alternative_beside_it() -> None:
+    """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
+    equations, rivals = regression(1.0, 0, (F_C, 2.0, 3.0)), np.array([1, 2])
+    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
+                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    free, _ = choose_shapes(folds, 0, EVERY, NONE)
+    np.testing.assert_array_equal(free, EVERY)
+    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    np.testing.assert_array_equal(chosen, [0, 2])
+    shapes, _ = neighbours_of(equations, chosen, EVERY, rivals)
+    assert not {1, 2} <= {*shapes.tolist()}
 
 
 def test_nothing_chosen_has_no_alternatives() -> None:
