@@ -44,7 +44,7 @@ def responses_of(desk: Desk, *truth: str, noise: float = 0.02) -> None:
     measured(study, load(study, truth).study.robot, noise=noise)
 
 
-@case("fit/checks.py", "fit.parameters: {‹›: {fixed: true}}")
+@case("fit/checks.py", "fit.parameters: {‹›: {fixed: true}}", slow=True)
 def without_effect(desk: Desk) -> None:
     responses_of(desk)
     fault = "fit.parameters={k_*: {}, p_upper_z: {}}"
@@ -53,7 +53,7 @@ def without_effect(desk: Desk) -> None:
     assert "without effect" not in fitted(desk, fault, f"fit.parameters.{name}={{fixed: true}}")[1]
 
 
-@case("fit/checks.py", "fit.parameters: {‹›}", "fixed: true", "prior: {std: 0.05}}")
+@case("fit/checks.py", "fit.parameters: {‹›}", "fixed: true", "prior: {std: 0.05}}", slow=True)
 def without_scale(desk: Desk) -> None:
     responses_of(desk)
     fault = "fit.parameters={k_*: {}, gain_u_motor_1: {}, gain_u_motor_2: {}, gain_y_motor_1: {}, gain_y_motor_2: {}}"

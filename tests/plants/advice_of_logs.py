@@ -74,7 +74,7 @@ def not_a_whole_period(desk: Desk) -> None:
     assert "one transient" not in said_of(desk, period_samples=None, period=stated)
 
 
-@case("recorded/periodicity.py", "period: find")
+@case("recorded/periodicity.py", "period: find", slow=True)
 def unstated_period(desk: Desk) -> None:
     lab_log(desk)
     stated = value_of(rendered("period: find", said_of(desk, period_samples=None).replace(" the", "; the")))
@@ -103,7 +103,7 @@ def emergency_stop(desk: Desk) -> None:
     assert said_of(desk, **keys, **piece(rendered("samples: [‹›, ‹›]", said))) == ""
 
 
-@case("recorded/repair/time_stamps.py", "rate_hz: ‹›")
+@case("recorded/repair/time_stamps.py", "rate_hz: ‹›", slow=True)
 def rate_beyond_the_stamps(desk: Desk) -> None:
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     save_csv(
@@ -135,7 +135,7 @@ Q = ChannelSpec("y", "motor 1", "q", quantity="position")
 LINK = ChannelSpec("y", "joint 1", "link", quantity="position")
 
 
-@case("recorded/channel_doubts.py", "sign: -1")
+@case("recorded/channel_doubts.py", "sign: -1", slow=True)
 def turned_channels(desk: Desk) -> None:
     for factors in ((1, 1, -1), (-1, 1, 1)):
         sign = value_of(rendered("sign: -1", doubted((U, Q, LINK), factors)))
@@ -192,7 +192,7 @@ def levels(desk: Desk, *overrides: str, stages: tuple[str, ...] = ("measure", "l
     return ""
 
 
-@case("friction_study/levels.py", "sign: -1")
+@case("friction_study/levels.py", "sign: -1", slow=True)
 def torque_with_the_other_sign(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, -sliding_torque(q))
@@ -200,7 +200,7 @@ def torque_with_the_other_sign(desk: Desk) -> None:
     assert levels(desk, pasted(rendered("sign: -1", levels(desk)), "experiment.recorded.channels.0.")) == ""
 
 
-@case("friction_study/motion.py", "sign: -1")
+@case("friction_study/motion.py", "sign: -1", slow=True)
 def torque_of_few_speeds_with_the_other_sign(desk: Desk) -> None:
     q = trapezoids((0.2, 0.5))
     write_log(desk.folder / "log.csv", q, -sliding_torque(q))
@@ -208,7 +208,7 @@ def torque_of_few_speeds_with_the_other_sign(desk: Desk) -> None:
     assert levels(desk, pasted(rendered("sign: -1", levels(desk)), "experiment.recorded.channels.0.")) == ""
 
 
-@case("friction_study/joint_levels.py", "side: motor")
+@case("friction_study/joint_levels.py", "side: motor", slow=True)
 def torque_of_the_other_side(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, sliding_torque(q))
@@ -216,7 +216,7 @@ def torque_of_the_other_side(desk: Desk) -> None:
     assert levels(desk, pasted(rendered("side: motor", levels(desk)), "experiment.recorded.channels.0.")) == ""
 
 
-@case("recorded/friction_logs.py", "side: motor")
+@case("recorded/friction_logs.py", "side: motor", slow=True)
 def angle_of_the_other_side(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, sliding_torque(q))
@@ -224,7 +224,7 @@ def angle_of_the_other_side(desk: Desk) -> None:
     assert levels(desk, pasted(rendered("side: motor", levels(desk)), "experiment.recorded.channels.1.")) == ""
 
 
-@case("recorded/friction_logs.py", "unit: ‹›")
+@case("recorded/friction_logs.py", "unit: ‹›", slow=True)
 def kelvins(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, sliding_torque(q), np.full(len(q), 313.0))
@@ -234,7 +234,7 @@ def kelvins(desk: Desk) -> None:
     assert levels(desk, pasted(text, "experiment.recorded.channels.2.")) == ""
 
 
-@case("recorded/friction_logs.py", "purpose: motion")
+@case("recorded/friction_logs.py", "purpose: motion", slow=True)
 def not_at_rest(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, sliding_torque(q))
@@ -243,7 +243,7 @@ def not_at_rest(desk: Desk) -> None:
     assert levels(desk, pasted(text, "experiment.recorded.files.0."), stages=("measure",)) == ""
 
 
-@case("recorded/warm_up_logs.py", "purpose: motion")
+@case("recorded/warm_up_logs.py", "purpose: motion", slow=True)
 def short_warm_up(desk: Desk) -> None:
     q = trapezoids(SPEEDS)
     write_log(desk.folder / "log.csv", q, sliding_torque(q), np.full(len(q), 40.0))
@@ -252,7 +252,7 @@ def short_warm_up(desk: Desk) -> None:
     assert levels(desk, pasted(text, "experiment.recorded.files.0.")) == ""
 
 
-@case("friction_study/pass_checks.py", "purpose: motion")
+@case("friction_study/pass_checks.py", "purpose: motion", slow=True)
 def loops_without_a_way_back(desk: Desk) -> None:
     t = np.linspace(0, 1, 200)
     loops = FrictionRecord("loops", "1", "loops", 200.0, 1e-3 * t, np.tanh(9 * (t - 0.5)), resolution=1e-5)
@@ -279,7 +279,7 @@ def passes_of_logs(desk: Desk) -> None:
     )
 
 
-@case("recorded/files/log.py", "column: 1")
+@case("recorded/files/log.py", "column: 1", slow=True)
 def matrix_in_a_file(desk: Desk) -> None:
     write_matlab(desk.folder, lab_log(desk))
     u, y = ChannelSpec("u", "motor 1", "run(1).w"), ChannelSpec("y", "motor 1", "rec.cur", quantity="position")
@@ -329,7 +329,7 @@ def transient_without_a_period(desk: Desk) -> None:
     assert estimated(desk, tuple(replace(file, samples=cut) for file in files), method="h1") == ""
 
 
-@case("frf/local/response.py", "samples: [first, last]")
+@case("frf/local/response.py", "samples: [first, last]", slow=True)
 def records_of_two_lengths(desk: Desk) -> None:
     noise(desk, 3000, 1000)
     files = tuple(FileSpec(f"{i}.csv", "home", i) for i in range(2))
@@ -359,7 +359,7 @@ def filled(text: str, first: int, last: int) -> str:
     return text.replace("first", str(first)).replace("last", str(last))
 
 
-@case("friction_study/motion.py", "files[].purpose: run_down")
+@case("friction_study/motion.py", "files[].purpose: run_down", slow=True)
 def motion_one_way(desk: Desk) -> None:
     from friction_study.test_run_down import CHANNELS as RUN_DOWN
     from friction_study.test_run_down import RATE, coasting
