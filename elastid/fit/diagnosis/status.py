@@ -184,10 +184,11 @@ def _by_held_number(evidence: Evidence) -> str:
     if moved[worst] <= MISFIT.effect:
         return ""
     same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
+    left = max(result.cost - index.drop, 0.0) / max(result.cost_expected, 1e-300)
     return (
-        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower V by "
-        f"{index.drop:.0f}, and move {result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard "
-        "deviations"
+        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower the residuals "
+        f"from {result.residual_ratio:.3g} to {math.sqrt(left):.3g} times the noise, and move "
+        f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
     )
 
 
@@ -289,8 +290,9 @@ def _search(result: FitResult) -> Iterator[Note]:
     if result.hits == 1 < len(starts) - len(lost):
         yield Note(
             "one-hit",
-            f"only 1 of {len(starts)} starts reached the best cost (V = {starts[0].cost:.5g}, the next "
-            f"{starts[1].cost:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
+            f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "
+            f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
+            "optimum; raise fit.starts or lower fit.start_factor",
         )
 
 
