@@ -105,7 +105,7 @@ THERMOMETER_LINE = "- {role: t, at: joint 1, channel: temperature, quantity: tem
 SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
 
 
-def write_study(folder: Path, files: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
+def write_study(folder: Path, entries: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
     """The path of a study of logs, in the folder, with its robot."""
     defaults = {
         "temperature": "auto",
@@ -114,7 +114,7 @@ def write_study(folder: Path, files: Sequence[str] = ("{path: log.csv}",), **key
         "torque_side": "motor",
         "angle_side": "motor",
         "thermometer": "",
-        "files": "\n".join(f"      - {log}" for log in files),
+        "files": "\n".join(f"      - {log}" for log in entries),
     }
     (folder / "robot.yml").write_text(ROBOT_FILE)
     (folder / "study.yml").write_text(STUDY.format(**(defaults | keys)))
