@@ -168,7 +168,7 @@ def find_two_groups(
     first, second = ([part.configuration for part in group.parts] for group in groups)
     members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
     part = math.sqrt(cost_apart / cost)
-    left = f"fitted apart they leave residuals of {part:.2g} of the rms{_differences(groups, ends)}"
+    left = f"fitted apart they leave {part:.2g} times the rms residual{_differences(groups, ends)}"
     return (Note("two-groups", f"{members}: {left}; {_advice(first, second, robots)}"),)
 
 
