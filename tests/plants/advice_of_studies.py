@@ -104,8 +104,8 @@ def override_without_a_value(desk: Desk) -> None:
     assert desk.elastid("check", study, *rendered("--set fit.starts=5", said).split()) == ""
 
 
-@case("study/loading.py", "elastid new DIR")
-@case("app/cli.py", "elastid check ‹›", "elastid run ‹›")
+@case("study/loading.py", "elastid new DIR", slow=True)
+@case("app/cli.py", "elastid check ‹›", "elastid run ‹›", slow=True)
 def new_study(desk: Desk) -> None:
     assert rendered("elastid new DIR", desk.elastid("check", desk.write(study="")))
     code, said = desk.said("new", str(desk.folder / "demo"))
