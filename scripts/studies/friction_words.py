@@ -20,15 +20,16 @@ The last line is one JSON object.
 
 # ruff: noqa: E402
 import os
+import tempfile
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", "/tmp/numba_of_rigs")  # the rig is used in place, and nothing written there
+# The rig is used in place, and nothing is written there.
+os.environ.setdefault("NUMBA_CACHE_DIR", os.path.join(tempfile.gettempdir(), "numba_of_rigs"))
 
 import argparse
 import json
 import sys
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
