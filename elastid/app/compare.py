@@ -97,11 +97,11 @@ def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterat
 def comparison_table(comparison: Comparison) -> list[list[str]]:
     """Headings, then a line for each model, the best first."""
     left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
-    rows = [["model", "note", "parameters", "QAIC above best", "V / dof"]]
+    rows = [["model", "note", "parameters", "QAIC above best", "residuals / noise"]]
     rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
     best = comparison.rows[0]
     for row in comparison.rows:
-        ratio = row.cost / row.dof if row.dof else math.nan
+        ratio = math.sqrt(row.cost / row.dof) if row.dof else math.nan
         line = [row.name, row.note, str(row.n_free), number(row.criterion, 4), number(ratio, 3)]
         if left_out:
             line += [number(v, 3) for v in (math.sqrt(row.mean_misfit), row.rms_log_db, row.phase_rms_deg)]

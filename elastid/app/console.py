@@ -181,7 +181,9 @@ def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
     for row in rows:
         line = _line(row.name, row.unit, row.truth, simulated, row.estimate, row.std, row.interval)
         line[-2:-2] = [_deviation(std, row.estimate) for std in (row.by_noise, row.by_file) if std is not None]
-        line[-1] += " (at bound)" * row.at_bound
+        if row.at_bound:  # no standard deviation says how far a number could go that may go to one side only
+            line[-2 - 2 * has_parts : -1] = ["–"] * (1 + 2 * has_parts)
+            line[-1] += " (at bound)"
         known = row.deviation is not None and math.isfinite(row.deviation)
         table.append(line + [f"{row.deviation:+.1f}" if known else "–"] * simulated)
     return table

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
+SLOPE = "slope of friction over the speeds of the records, without the dry friction taken out"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
 WITH_COULOMB = "viscous friction and 2 F_c p_v(0) of Coulomb friction"
 
@@ -51,8 +52,10 @@ def contents(
     """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction."""
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
+    taken = () if friction is None else friction.taken_places()
+    words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
     return {
-        parameter.name: WITH_COULOMB if parameter.stands_for in mixed else VISCOUS
+        parameter.name: words.get(parameter.stands_for, VISCOUS)
         for parameter in parameters
         if parameter.stands_for in of_motors | mixed
     }

@@ -158,7 +158,8 @@ class Run:
         if not has_checksum(path):
             self.console.warn(
                 f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "
-                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name}` makes it again"
+                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name} "
+                f"{self.loaded.path}` makes it again"
             )
         if stamp.code != wanted.code:
             made_by = stamp.software or f"elastid {stamp.version}"

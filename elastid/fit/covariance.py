@@ -180,7 +180,7 @@ def _noise(
         else:
             meat, power = meat + part.blocks.noise.sum(axis=0), power + part.noise_power
             spread += part.noise_spread
-    return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / spread if known else math.nan
+    return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:

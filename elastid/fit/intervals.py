@@ -308,8 +308,8 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
     if spec.profile == "auto":
         names, left = choose_profiles(problem, x, variance, execution.quiet)
         text = (
-            f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
-            "parameter); the interval is by profile likelihood"
+            f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
+            "positive parameter); the interval is by profile likelihood"
         )
         text += (
             f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""

@@ -131,16 +131,19 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
     if not result.has_tolerances or not widened or not np.isfinite(C).all():
         return ()
     name = max(widened, key=lambda name: file[name] / values[name])
-    place, known = result.parameters.free_names.index(name), list[str]()
+    place, known = result.parameters.free_names.index(name), dict[int, str]()
     before = math.sqrt(C[place, place])
     for _ in range(ADVICE.most):
         delta = np.array(
             [ADVICE.part * p.prior.std if p.tolerated and p.prior else math.inf for p in result.parameters.free]
         )
         gains = C[place] ** 2 / (np.diag(C) + delta**2)
+        gains[[*known]] = 0.0
         best = int(np.argmax(gains))
+        if not gains[best] > 0:
+            break
         C -= np.outer(C[best], C[best]) / (C[best, best] + delta[best] ** 2)
-        known.append(_stated(result.parameters.free[best], float(delta[best])))
+        known[best] = _stated(result.parameters.free[best], float(delta[best]))
         if C[place, place] < (ADVICE.enough * before) ** 2:
             break
     after = math.sqrt(C[place, place])
@@ -148,7 +151,7 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
         return ()
     text = (
         f"the tolerances of the robot's file are most of the interval of {name} ({100 * before:.2g} %): with "
-        f"{', '.join(known)} it would be {100 * after:.2g} %"
+        f"{', '.join(known.values())} it would be {100 * after:.2g} %"
     )
     return (Note("file-limits", text, severity="information"),)
 

@@ -110,6 +110,13 @@ MEANING: dict[Status, str] = {
 }
 
 
+# Of a fit that converged, with residuals beyond the noise.
+EXCEEDING = (
+    "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "
+    "not hold an error that all responses share: the warnings name what the model may lack"
+)
+
+
 def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
     """True if V exceeds what the noise explains, once in 700 fits of a true model."""
     return cost > expected_cost * largest_by_chance(cost_dof)
@@ -227,7 +234,7 @@ class FitResult:
     @property
     def meaning(self) -> str:
         """The meaning of the status for the parameters, and the next action."""
-        return MEANING[self.status]
+        return EXCEEDING if self.status == "converged" and self.exceeds_noise else MEANING[self.status]
 
     @property
     def noise_is_known(self) -> bool:

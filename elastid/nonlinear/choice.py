@@ -47,6 +47,11 @@ class Limits:
     weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
+    # Std of a motor's levels, all as one factor, by what no shape has: under laws of Stribeck and LuGre F_c is 1 to 3 %
+    # off (scripts/studies/friction_words.py).
+    shape_error: float = 0.03
+    # Chance at which friction of one level is said to differ between configurations, of normal levels.
+    dependence_by_chance: float = 1e-5
     # Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a
     # note warns of distortion that no motor's friction explains.
     unexplained: float = 10.0
@@ -78,11 +83,12 @@ def choose(
     With the candidates (n,) that are in the choice, and thresholds (n,) of those whose rates are, else 0.
     """
     motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
-    chosen, _ = _chosen_of_each(data, motor_of, len(places), auto)
+    chosen, _ = _chosen_of_each(data, motor_of, _rivals(candidates), len(places), auto)
     rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
     shapes = _with_rates([candidates[i] for i in chosen], rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    final, left = _chosen_of_each([spectra.with_shapes(chosen, rates) for spectra in data], motor_of, len(places), auto)
+    own_data = [spectra.with_shapes(chosen, rates) for spectra in data]
+    final, left = _chosen_of_each(own_data, motor_of, _rivals(shapes), len(places), auto)
     # A rate is derived from the shape of its bristle.
     bending, rated = final[final < len(chosen)], np.flatnonzero(rates > 0)[final[final >= len(chosen)] - len(chosen)]
     every = np.arange(len(candidates))
@@ -104,7 +110,7 @@ def _with_alternatives(
     """The choice of the shapes `taken` of all candidates and rates, with those candidates that fit nearly as well."""
     shapes = _with_rates(candidates, rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    telling = np.flatnonzero(_is_nonlinear(data)[: len(candidates)])
+    telling, rivals = np.flatnonzero(_is_nonlinear(data)[: len(candidates)]), _rivals(shapes)
     levels = np.zeros(len(shapes))
     own_data = [replace(configuration, Phi=configuration.Phi[:, taken]) for configuration in data]
     levels[taken], _ = find_levels(own_data, motor_of[taken], np.arange(len(taken)))
@@ -113,7 +119,7 @@ def _with_alternatives(
     used = np.arange(len(shapes)) >= len(candidates)
     used[np.flatnonzero(rates > 0)] = True
     for i in range(len(places)):
-        own, of_own = neighbours_of(equations, taken[motor_of[taken] == i], telling[motor_of[telling] == i])
+        own, of_own = neighbours_of(equations, taken[motor_of[taken] == i], telling[motor_of[telling] == i], rivals)
         covariance[np.ix_(own, own)] = of_own
         used[own] = True
     some = np.flatnonzero(used)
@@ -123,13 +129,18 @@ def _with_alternatives(
     return choice, picked, rates[picked]
 
 
+def _rivals(shapes: Sequence[Shape]) -> IntArray:
+    """The shapes (n,) of which a motor has one at most: two Stribeck curves together have no F_c."""
+    return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
+
+
 def _chosen_of_each(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, n_m: int, auto: bool
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, rivals: IntArray, n_m: int, auto: bool
 ) -> tuple[IntArray, FloatArray]:
     """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
     _, equations = find_levels(data, motor_of, np.arange(len(motor_of)))
     telling = _is_nonlinear(data)
-    choices = [choose_shapes(equations, i, np.flatnonzero((motor_of == i) & telling)) for i in range(n_m)]
+    choices = [choose_shapes(equations, i, np.flatnonzero((motor_of == i) & telling), rivals) for i in range(n_m)]
     pays = [own if not auto or left <= LIMITS.left_share else own[:0] for own, left in choices]
     return np.concatenate(pays), np.array([left for _, left in choices])
 
@@ -147,21 +158,26 @@ def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]
 
 # Speeds over which a sign turns, over the RMS speed.
 _TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+# Stribeck velocities, over the RMS speed; the fall over larger ones is that of a viscous friction.
+_FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
 # Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
 # is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
-    """For every motor a sign, at once or gradual, and bristles."""
+    """For every motor a sign, at once or gradual, a Stribeck curve and bristles."""
     shapes: list[Shape] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
         speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
         shapes += [Shape(place, "sign", part * speed) for part in _TURNING]
+        if signs_alone:
+            continue
+        shapes += [Shape(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
         swings = np.concatenate([motion.swings for motion in motions])
         swing = float(np.median(swings)) if swings.size else 0.0
-        if not signs_alone and swing > 0:
+        if swing > 0:
             shapes += [Shape(place, kind, part * swing) for kind in RATE_OF for part in _BENDING]
     return tuple(shapes)
 
@@ -179,23 +195,36 @@ def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> floa
     return power
 
 
-def choose_shapes(equations: NormalEquations, motor: int, candidates: IntArray) -> tuple[IntArray, float]:
+def choose_shapes(
+    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray
+) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    The first candidate is Coulomb friction: it goes where others explain its part.
+    rivals: those of which it has one at most.  The first candidate is Coulomb friction: it goes where others explain
+    its part.
     """
     chosen: list[int] = []
     left = total = kept_power(equations, motor, candidates[:0])
     while len(chosen) < len(candidates):
-        remaining = [i for i in candidates.tolist() if i not in chosen]
-        powers = [kept_power(equations, motor, np.array([*chosen, i])) for i in remaining]
+        sets = _larger(chosen, candidates.tolist(), rivals.tolist())
+        if not sets:
+            break
+        powers = [kept_power(equations, motor, np.array(members)) for members in sets]
         best = int(np.argmin(powers))
         if powers[best] > (1 - LIMITS.shape_gain) * left:
             break
-        chosen.append(remaining[best])
-        left = powers[best]
+        chosen, left = sets[best], powers[best]
     share = left / total if total > 0 else 1.0
     return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), left), share
+
+
+def _larger(chosen: list[int], candidates: list[int], rivals: list[int]) -> list[list[int]]:
+    """The sets with one shape more, their rival exchanged or not, and those with another rival alone."""
+    rest, others = [i for i in chosen if i not in rivals], [i for i in candidates if i in rivals]
+    further = [i for i in candidates if i not in chosen and i not in rivals]
+    exchanged = [[*rest, i] for i in others if i not in chosen]
+    bases = [chosen, *exchanged] if len(rest) < len(chosen) else [chosen]
+    return [*exchanged, *([*base, i] for base in bases for i in further)]
 
 
 def _without_needless(equations: NormalEquations, motor: int, chosen: IntArray, left: float) -> IntArray:
@@ -215,17 +244,21 @@ def shares(equations: NormalEquations, motors: int, motor_of: IntArray, chosen: 
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])
 
 
-def neighbours_of(equations: NormalEquations, chosen: IntArray, candidates: IntArray) -> tuple[IntArray, FloatArray]:
+def neighbours_of(
+    equations: NormalEquations, chosen: IntArray, candidates: IntArray, rivals: IntArray
+) -> tuple[IntArray, FloatArray]:
     """Shapes (n,) of one motor, sorted, in sets of some weight, and the covariance (n, n) of levels by their choice.
 
-    The sets are the chosen shapes and their neighbours among the candidates, the chosen ones among them.
+    The sets are the chosen shapes and their neighbours among the candidates, the chosen ones among them, with one of
+    the rivals at most.
     """
     if not len(chosen):
         return chosen, np.zeros((0, 0))
     A, b = (2 * equations.dof_share * members.sum(axis=0) for members in (equations.A, equations.b))
     f = solve(A[np.ix_(chosen, chosen)], b[chosen])
     power = float(f @ A[np.ix_(chosen, chosen)] @ f)
-    first, *alternatives = _sets(chosen.tolist(), candidates.tolist())
+    first, *others = _sets(chosen.tolist(), candidates.tolist())
+    alternatives = [members for members in others if np.isin(members, rivals).sum() <= 1]
     sets = [first, *(members for members in alternatives if np.all(solve(A[np.ix_(members, members)], b[members]) > 0))]
     evidence = np.array([_evidence(A[np.ix_(members, members)], b[members], power) for members in sets])
     weights = np.exp(evidence - evidence.max())

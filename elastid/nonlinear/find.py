@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,10 +11,17 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
+from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.nonlinear.choice import Choice, candidate_shapes, choose, refined, shares
-from elastid.nonlinear.levels import NormalEquations, covariance, find_levels, normal_equations
+from elastid.nonlinear.choice import LIMITS, Choice, candidate_shapes, choose, refined, shares
+from elastid.nonlinear.levels import (
+    NormalEquations,
+    covariance,
+    find_levels,
+    levels_by_configuration,
+    normal_equations,
+)
 from elastid.nonlinear.places import limits_of, refusal
 from elastid.nonlinear.reconstruct import with_inertial_accelerance
 from elastid.nonlinear.result import FrictionTakenOut
@@ -57,6 +64,7 @@ def find_friction(
         levels, equations = find_levels(data, choice.motor_of, choice.taken)
         result = _result(survey, choice, levels, result.accelerance, raw, equations)
         result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
+        result = replace(result, notes=(*result.notes, *_dependence(result, data, choice.motor_of)))
     return replace(result, notes=(*result.notes, *survey.limits))
 
 
@@ -168,12 +176,13 @@ def _result(
 ) -> FrictionTakenOut:
     first = survey.first
     left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
+    of_shape = LIMITS.shape_error**2 * np.outer(levels, levels) * (choice.motor_of[:, None] == choice.motor_of)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(equations, choice.taken) + choice.covariance,
+        covariance=covariance(equations, choice.taken) + choice.covariance + of_shape,
         configurations=survey.names,
         before=raw.level,
         after=equations.level,
@@ -189,9 +198,16 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     for place, unit, share in zip(result.places, result.place_units, 100 * result.kept_share, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)
+            slow = [
+                f", {of_shape:.3g} {unit} more near standstill (Stribeck, over {shape.threshold:.2g} "
+                f"{'m' if unit == 'N' else 'rad'}/s)"
+                for shape, of_shape in result.taken_shapes(place)
+                if shape.kind == "stribeck"
+            ]
             text = (
-                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding (link side) was found in the records "
-                f"and taken out of the torque; {share:.2g} % of the power of distortion and noise is left"
+                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding{''.join(slow)} (link side, at the "
+                "loads and temperatures of these records) was found in the records and taken out of the torque; "
+                f"{share:.2g} % of the power of distortion and noise is left"
             )
             notes.append(Note("friction-taken-out", text, severity="information"))
         else:
@@ -202,6 +218,29 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             )
             notes.append(Note("friction-left", text, severity="information"))
     return tuple(notes)
+
+
+def _dependence(result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> Iterator[Note]:
+    """On motors whose friction differs between configurations by more than chance lets it."""
+    if len(data) < 2:
+        return
+    factors, stds = levels_by_configuration(data, result.levels, motor_of)
+    for i, place in enumerate(result.places):
+        if place not in result.taken_places():
+            continue
+        factor, weight = factors[:, i], stds[:, i] ** -2
+        spread = factor - weight @ factor / weight.sum()
+        if weight @ spread**2 < chi_square_limit(len(data) - 1, LIMITS.dependence_by_chance):
+            continue
+        own, (level, _) = factor * result.sliding_level(place)[0], result.sliding_level(place)
+        low, high = int(np.argmin(own)), int(np.argmax(own))
+        text = (
+            f"{place}: friction is {own[high]:.4g} {result.place_units[i]} in {result.configurations[high]} and "
+            f"{own[low]:.4g} in {result.configurations[low]}, and {level:.4g} was taken out of all: it depends on the "
+            "gear's load, the angle or the temperature, so that this level holds for these postures alone; a study of "
+            "friction with loads says on which"
+        )
+        yield Note("friction-differs", text)
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:

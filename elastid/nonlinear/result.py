@@ -63,12 +63,12 @@ class FrictionTakenOut:
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def sliding_level(self, place: str) -> tuple[float, float]:
-        """F_c in Nm (N) of steady sliding at a motor, the sum of its levels, and its standard deviation."""
-        row = np.array([shape.place == place and not shape.is_rate for shape in self.shapes], dtype=np.float64)
+        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
         return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Torque (n,) after a reversal out of steady sliding, at `distance` (n,) from it, and its standard deviation.
+        """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
 
         From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
         """

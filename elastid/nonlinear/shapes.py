@@ -2,8 +2,11 @@ r"""Shapes of friction: functions phi of a motor's measured angle and velocity, 
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D, \qquad rate: \phi = \dot s
 
+.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}
+
 Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
-gradually, as oil or noise in the velocity make it. A rate is the damping of a bristle: 0 in steady sliding.
+gradually, as oil or noise in the velocity make it. A rate is the damping of a bristle: 0 in steady sliding. The level
+of a stribeck shape is F_s - F_c, the torque by which slow motion has more friction than fast motion: also 0 there.
 """
 
 from __future__ import annotations
@@ -21,13 +24,13 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, laplace, whole_samples
 from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop rate", "bristle rate"]
 RATE_OF: dict[Kind, Kind] = {"stop": "stop rate", "bristle": "bristle rate"}
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape at a motor, by its place; threshold D: rad/s of a sign, else rad (m/s, m) on the link side."""
+    """A shape at a motor, by its place; threshold D: rad/s of sign and stribeck, else rad (m/s, m) on the link side."""
 
     place: str
     kind: Kind
@@ -38,9 +41,14 @@ class Shape:
         """True if its level is a damping, in Nms/rad, and not a torque."""
         return self.kind in RATE_OF.values()
 
+    @property
+    def when_fast(self) -> float:
+        """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
+        return float(self.kind != "stribeck" and not self.is_rate)
+
     def reversal(self, distance: FloatArray) -> FloatArray:
-        """The shape (n,) at `distance` (n,) after a reversal out of steady sliding, moved slowly: from -1 to 1."""
-        if self.is_rate:
+        """The shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
+        if not self.when_fast:
             return np.zeros(len(distance))
         if self.kind == "sign":
             return np.where(distance > 0, 1.0, -1.0)
@@ -51,6 +59,8 @@ class Shape:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
         if self.is_rate:
             return np.zeros(len(velocity))
+        if self.kind == "stribeck":
+            return np.asarray(np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2)))
         gradual = self.kind == "sign" and self.threshold > 0
         return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
 
@@ -101,12 +111,14 @@ def _sum_of_cell_means(record: Record, motion: Motion, taken: Sequence[tuple[Sha
 def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
     """The mean (n cells,) in each cell of each shape, or of the bristle whose rate it is."""
     path = None
-    if any(shape.kind != "sign" for shape in shapes):
+    if any(shape.kind not in ("sign", "stribeck") for shape in shapes):
         # The state of a bristle at the start is not known: the first period is run over twice.
         before = motion.angle[: record.period_samples * motion.cells]
         path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
     for shape in shapes:
-        if path is None or shape.kind == "sign":
+        if shape.kind == "stribeck":
+            yield mean_stribeck(motion.velocity, shape.threshold)
+        elif path is None or shape.kind == "sign":
             yield mean_sign(motion.velocity, shape.threshold)
         else:
             s = (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)
@@ -124,6 +136,21 @@ def _of_cells(n: int, cells: int) -> ComplexArray:
 def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
     """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0."""
     return sum_of_mean_signs(v, [(v_s, 1.0)])
+
+
+def mean_stribeck(v: FloatArray, v_s: float) -> FloatArray:
+    """Mean (n - 1,) of sgn(v) exp(-(v / v_s)^2) over each cell between points v (n,), v linear in it.
+
+    By the integral v_s sqrt(pi) / 2 erf(|v| / v_s).
+    """
+    from scipy.special import erf
+
+    step = np.diff(v)
+    small = np.abs(step) <= 1e-6 * (np.abs(v[1:]) + np.abs(v[:-1])) + 1e-300
+    middle = (v[1:] + v[:-1])[small] / 2
+    mean = v_s * np.sqrt(np.pi) / 2 * np.diff(erf(np.abs(v) / v_s)) / np.where(small, 1.0, step)
+    mean[small] = np.sign(middle) * np.exp(-((middle / v_s) ** 2))
+    return np.asarray(mean)
 
 
 def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> FloatArray:

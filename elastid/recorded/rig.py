@@ -62,9 +62,9 @@ class RecordedRig:
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         files, records = self._files(experiment), []
-        unusable = "its values cannot be used as a log; look at them with `elastid inspect`"
         for file in files:
-            with naming(self.base / file.path, unusable):
+            path = self.base / file.path
+            with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])

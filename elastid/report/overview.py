@@ -221,9 +221,9 @@ def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[
     return tuple(actions[: ADVICE.actions] or [none_needed])
 
 
-# Meaning and command line of exports; the study is the one in the run folder.
+# Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
 COMMANDS = tuple(
-    (words, f"elastid export study.yml --run . --to {target}")
+    (words, f"elastid export STUDY --run FOLDER --to {target}")
     for words, target in (("robot file with the numbers", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
 )
 
@@ -241,12 +241,12 @@ def _of_residuals(result: FitResult) -> Action | None:
     if first is not None and excess:
         if not first.members:
             return Action(f"Check the reading “{first.name}”.", excess)
-        text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {ADVICE.prior_std}}}}}"
+        text = f"--set 'fit.parameters.{first.members[0]}={{prior: {{std: {ADVICE.prior_std}}}}}'"
         return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:
         return None
     advice = "Declare further joints as elastic, and let the search find those that the data show."
-    return Action(advice, "No number that was held explains the residuals.", "elastid compare --search study.yml")
+    return Action(advice, "No number that was held explains the residuals.", "elastid compare STUDY --search")
 
 
 def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
@@ -270,7 +270,7 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
     return Action(
         f"Give {names[best]} a prior of {percent(ADVICE.prior_std)}.",
         f"The interval of {poor.name} would go from ±{before} to ±{after}.",
-        f"fit.parameters.{names[best]}: {{prior: {{std: {ADVICE.prior_std}}}}}",
+        f"--set 'fit.parameters.{names[best]}={{prior: {{std: {ADVICE.prior_std}}}}}'",
     )
 
 

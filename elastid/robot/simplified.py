@@ -117,7 +117,8 @@ def with_point_mass(robot: Robot, mass: float) -> Robot:
         return robot
     if not robot.frames:
         raise StudyError(
-            f"robot {robot.name} has no frame that could carry {mass:g} kg; give it frames: [{{name: tool}}]"
+            f"robot {robot.name} has no frame that could carry {mass:g} kg; give it "
+            f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
         )
     seat = robot.frames[-1]
     name = unused("point_mass", [body.name for body in robot.all_bodies])

@@ -113,14 +113,14 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:
         holds = f"holds {stored}" if stored else "was not written by elastid"
-        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect` shows what a file holds")
+        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect {path}` shows its content")
     if written > FORMAT:
         raise DataError(
             f"{path}: format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
             "delete the file and run again"
         )
     if written < FORMAT:
-        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
+        command = f"`elastid {_COMMANDS[kind]} STUDY` makes it" if kind in _COMMANDS else "run"
         raise DataError(
             f"{path}: format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
             f"and {command} again"

@@ -141,7 +141,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.status.Limits": {
         "at-bound": "near_bound",
         "bound-in-most-starts": "held_share",
-        "weakly-determined": "interval_factor unconstrained_factor",
+        "weakly-determined": "interval_factor",
         "correlated": "correlation",
         "undetermined": "singular_value part_of_direction",
         "weakest-combination": "singular_value part_of_direction",

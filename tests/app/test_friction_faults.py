@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.friction_logs import COULOMB, RATE, VISCOUS, sliding_torque, trapezoids, write_log
+from plants.friction_logs import (
+    COULOMB,
+    RATE,
+    SPEEDS,
+    THERMOMETER_LINE,
+    VISCOUS,
+    sliding_torque,
+    trapezoids,
+    write_log,
+    write_study,
+)
 
 from elastid.app import cli
 from elastid.app.console import Console
@@ -17,50 +27,8 @@ from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.store.friction_study import read_friction_result
 from elastid.study import load
 
-ROBOT = """
-name: one axis
-gravity: [0, 0, -9.81]
-bodies:
-  - name: arm
-    joints: [{name: 1, axis: y, motor: {inertia: 1e-3, ratio: 100}}]
-    mass: 10
-    center_of_mass: [0.3058, 0, 0]
-    inertia: 4.065
-"""
-STUDY = """
-name: axis
-robot: robot.yml
-friction: {{passes: {passes}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
-experiment:
-  recorded:
-    rate_hz: 500
-    channels:
-      - {{role: u, at: motor 1, channel: current, quantity: current, unit: A, {constant}side: {torque_side}}}
-      - {{role: y, at: motor 1, channel: angle, quantity: position, unit: deg, side: {angle_side}}}
-      {thermometer}
-    files:
-{files}
-report: {{formats: [png]}}
-"""
-THERMOMETER = "- {role: t, at: joint 1, channel: temperature, quantity: temperature}"
 REFERENCE = "- {role: reference, at: motor 1, channel: angle, quantity: position, unit: deg, side: motor}"
 CONTROLLER = "\n    controller: {position_gain: 30, velocity_gain: 400}"
-SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
-
-
-def write_study(folder: Path, logs: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
-    defaults = {
-        "temperature": "auto",
-        "passes": "detect",
-        "constant": "torque_constant: 0.5 N*m/A, ",
-        "torque_side": "motor",
-        "angle_side": "motor",
-        "thermometer": "",
-        "files": "\n".join(f"      - {log}" for log in logs),
-    }
-    (folder / "robot.yml").write_text(ROBOT)
-    (folder / "study.yml").write_text(STUDY.format(**(defaults | keys)))
-    return folder / "study.yml"
 
 
 def write(folder: Path, q: FloatArray, torque: FloatArray | None = None, name: str = "log.csv") -> None:
@@ -84,7 +52,7 @@ def refusal(study: Path, kind: type[ElastidError] = DataError) -> str:
 def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Coulomb and viscous friction within 2 %; six speeds there and back in one log."""
     write(tmp_path, trapezoids(SPEEDS))
-    study = write_study(tmp_path, thermometer=THERMOMETER)
+    study = write_study(tmp_path, thermometer=THERMOMETER_LINE)
     (joint,) = read_friction_result(run(study, "measure", "levels", "friction").path("friction")).joints
     numbers = {number.name: number for number in joint.numbers}
     assert numbers["Fc_m1"].value == pytest.approx(COULOMB, rel=0.02)
@@ -125,7 +93,7 @@ def test_logs_that_cannot_be_used_are_refused(
 def test_a_temperature_in_kelvin_is_refused_with_its_unit(tmp_path: Path) -> None:
     q = trapezoids(SPEEDS)
     write_log(tmp_path / "log.csv", q, sliding_torque(q), np.full(len(q), 313.0))
-    said = refusal(write_study(tmp_path, thermometer=THERMOMETER))
+    said = refusal(write_study(tmp_path, thermometer=THERMOMETER_LINE))
     assert "the temperature of joint 1 is 313 to 313 degC, which no joint bears" in said
     assert "give that channel unit: K" in said
 
@@ -159,7 +127,7 @@ def test_studies_that_cannot_work_are_refused_before_a_log_is_read(
 def test_one_temperature_tells_no_change_with_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As the command line says it, without a traceback."""
     write(tmp_path, trapezoids(SPEEDS))
-    study = write_study(tmp_path, temperature="yes", thermometer=THERMOMETER)
+    study = write_study(tmp_path, temperature="yes", thermometer=THERMOMETER_LINE)
     assert cli.run_command(["run", str(study), "--run", str(tmp_path / "run"), "-q"]) != 0
     said = capsys.readouterr().err
     assert "law.temperature cannot be identified: one temperature; measure cold and warm" in said

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from plants.taken_friction import taken_friction
 
-from elastid.app.identified_robot import VISCOUS, WITH_COULOMB, contents, truth
+from elastid.app.identified_robot import SLOPE, VISCOUS, WITH_COULOMB, contents, truth
 from elastid.app.stages.estimate import friction_line
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.parameters import Parameter
@@ -36,7 +36,7 @@ def test_a_viscous_number_is_marked_with_the_coulomb_friction_in_it() -> None:
 def test_friction_taken_out_leaves_viscous_friction_which_then_has_a_truth() -> None:
     """At motor 1 alone."""
     marked = contents(ROBOT, True, taken_friction(), PARAMETERS)
-    assert (marked["fm_1"], marked["fm_2"]) == (VISCOUS, WITH_COULOMB)
+    assert (marked["fm_1"], marked["fm_2"]) == (SLOPE, WITH_COULOMB)
     known = truth(ROBOT, SimulatedSpec(), (), taken_friction())
     assert known is not None
     assert {"fm_1", "fm_3", "f_3"} <= set(known)
@@ -46,7 +46,7 @@ def test_friction_taken_out_leaves_viscous_friction_which_then_has_a_truth() -> 
 def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:
     """Whatever its file says."""
     marked = contents(ROBOT, False, taken_friction(), PARAMETERS)
-    assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (VISCOUS, WITH_COULOMB, WITH_COULOMB)
+    assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (SLOPE, WITH_COULOMB, WITH_COULOMB)
     assert "f_1" not in marked
     assert truth(ROBOT, None, ()) is None
 

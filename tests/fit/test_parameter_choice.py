@@ -361,7 +361,7 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
     assert {name for name in names if result.std[name] > 0.15 * result.values[name]} <= set(profiled)
     assert {"fm_1", "fm_2"} <= set(profiled)
-    assert any(f"{', '.join(profiled)}: V is not quadratic" in warning for warning in said(result.notes))
+    assert any(f"{', '.join(profiled)}: the cost is not quadratic" in warning for warning in said(result.notes))
     assert not len(identify(noisy, bench(), replace(spec, profile=(), seed=1)).profile95)
     well = identify(data, bench(), replace(spec, seed=1))
     springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]

@@ -3,14 +3,16 @@
 Signs turn over the speed that friction has, not over one of those that are tried.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from elastid.nonlinear.choice import Choice, neighbours_of, refined
+from elastid.nonlinear.choice import Choice, choose_shapes, neighbours_of, refined
 from elastid.nonlinear.levels import NormalEquations
 from elastid.nonlinear.shapes import Shape
 
-CHOSEN, EVERY = np.array([0]), np.arange(3)
+CHOSEN, EVERY, NONE = np.array([0]), np.arange(3), np.arange(0)
 F_C = 9.0
 
 
@@ -36,7 +38,7 @@ def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C
 
 def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
     """Of two shapes that differ by a part of 0.001 one or the other has it all; the third has none of it."""
-    shapes, covariance = neighbours_of(regression(1e-3, 0), CHOSEN, EVERY)
+    shapes, covariance = neighbours_of(regression(1e-3, 0), CHOSEN, EVERY, NONE)
     np.testing.assert_array_equal(shapes, [0, 1])
     std = np.sqrt(np.diag(covariance))
     assert np.all(std > 0.5 * F_C)
@@ -46,7 +48,7 @@ def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
 
 def test_a_choice_without_alternatives_adds_nothing() -> None:
     """Shapes that differ are distinguished."""
-    shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY)
+    shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY, NONE)
     np.testing.assert_array_equal(shapes, CHOSEN)
     assert covariance[0, 0] == 0
 
@@ -57,7 +59,7 @@ def test_the_covariance_covers_what_other_data_would_choose() -> None:
     ratios = []
     for seed in range(40):
         equations = regression(0.25, seed, truth)
-        _, covariance = neighbours_of(equations, CHOSEN, EVERY)
+        _, covariance = neighbours_of(equations, CHOSEN, EVERY, NONE)
         alone = equations.b[0, 0] / equations.A[0, 0, 0]
         variance = covariance.sum() + 0.5 / equations.A[0, 0, 0]
         ratios.append((alone - F_C) / np.sqrt(variance))
@@ -65,9 +67,22 @@ def test_the_covariance_covers_what_other_data_would_choose() -> None:
     assert np.std(ratios) > 0.4
 
 
+def test_of_rivals_one_is_chosen_and_none_is_an_alternative_beside_it() -> None:
+    """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
+    equations, rivals = regression(1.0, 0, (F_C, 2.0, 3.0)), np.array([1, 2])
+    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
+                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    free, _ = choose_shapes(folds, 0, EVERY, NONE)
+    np.testing.assert_array_equal(free, EVERY)
+    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    np.testing.assert_array_equal(chosen, [0, 2])
+    shapes, _ = neighbours_of(equations, chosen, EVERY, rivals)
+    assert not {1, 2} <= {*shapes.tolist()}
+
+
 def test_nothing_chosen_has_no_alternatives() -> None:
     """Of a motor that keeps its friction."""
-    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY)[0]) == 0
+    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY, NONE)[0]) == 0
 
 
 PLACES = ("motor 1", "motor 2")

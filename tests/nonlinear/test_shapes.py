@@ -7,7 +7,7 @@ import pytest
 
 from elastid.friction.operators import Path, stop
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.shapes import Shape, amplitudes, spectrum
+from elastid.nonlinear.shapes import Shape, amplitudes, mean_stribeck, spectrum
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -46,6 +46,24 @@ def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) ->
     np.testing.assert_allclose(
         found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
     )
+
+
+def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling() -> None:
+    """By quadrature over one turn: a fall over a twentieth of the peak speed, which few samples see."""
+    peak = 0.2 * 2 * np.pi * 33 * RATE / N
+    angle = 2 * np.pi * (np.arange(200_000) + 0.5) / 200_000
+    velocity = -peak * np.sin(angle)
+    expected = 2 * np.mean(np.sign(velocity) * np.exp(-((20 * velocity / peak) ** 2)) * np.exp(-1j * angle))
+    (found,) = amplitudes_of(swinging(33, 0.2), Shape("motor 1", "stribeck", peak / 20), [33])
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
+    """All of it near standstill, nothing at six times its velocity, and none of F_c."""
+    shape = Shape("motor 1", "stribeck", 0.01)
+    np.testing.assert_allclose(shape.sliding(np.array([1e-6, -1e-6, 0.06])), [1, -1, 0], atol=1e-7)
+    assert shape.when_fast == 0
+    np.testing.assert_array_equal(mean_stribeck(np.zeros(3), 0.01), 0)
 
 
 def test_half_periods_are_repetitions_with_the_other_sign() -> None:

@@ -73,3 +73,49 @@ def write_log(path: Path, q: FloatArray, torque: FloatArray, temperature: FloatA
 def logs(*files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
     """The section `experiment` of logs."""
     return ExperimentSpec(recorded=RecordedSpec(RATE, channels, files, **changes))
+
+
+# The same as a study, of files that a user has.
+ROBOT_FILE = """
+name: one axis
+gravity: [0, 0, -9.81]
+bodies:
+  - name: arm
+    joints: [{name: 1, axis: y, motor: {inertia: 1e-3, ratio: 100}}]
+    mass: 10
+    center_of_mass: [0.3058, 0, 0]
+    inertia: 4.065
+"""
+STUDY = """
+name: axis
+robot: robot.yml
+friction: {{passes: {passes}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
+experiment:
+  recorded:
+    rate_hz: 500
+    channels:
+      - {{role: u, at: motor 1, channel: current, quantity: current, unit: A, {constant}side: {torque_side}}}
+      - {{role: y, at: motor 1, channel: angle, quantity: position, unit: deg, side: {angle_side}}}
+      {thermometer}
+    files:
+{files}
+report: {{formats: [png]}}
+"""
+THERMOMETER_LINE = "- {role: t, at: joint 1, channel: temperature, quantity: temperature}"
+SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
+
+
+def write_study(folder: Path, entries: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
+    """The path of a study of logs, in the folder, with its robot."""
+    defaults = {
+        "temperature": "auto",
+        "passes": "detect",
+        "constant": "torque_constant: 0.5 N*m/A, ",
+        "torque_side": "motor",
+        "angle_side": "motor",
+        "thermometer": "",
+        "files": "\n".join(f"      - {log}" for log in entries),
+    }
+    (folder / "robot.yml").write_text(ROBOT_FILE)
+    (folder / "study.yml").write_text(STUDY.format(**(defaults | keys)))
+    return folder / "study.yml"

@@ -71,7 +71,7 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     assert "k_1" in prior.what
     expected = half_width(rows_of(result)[1]) * np.sqrt(posterior[1, 1] / covariance[1, 1])
     assert f"to ±{percent(expected)}." in prior.gain
-    assert prior.text == "fit.parameters.k_1: {prior: {std: 0.05}}"
+    assert prior.text == "--set 'fit.parameters.k_1={prior: {std: 0.05}}'"
 
 
 def test_answers_do_not_contradict_the_status():
@@ -81,7 +81,7 @@ def test_answers_do_not_contradict_the_status():
     assert "known to" not in verdict_sentence(result, rows)
     assert numbers_answer(result, rows).startswith("Not yet: ")
     actions = next_steps(content, rows)
-    assert [action.text for action in actions] == ["elastid compare --search study.yml"]
+    assert [action.text for action in actions] == ["elastid compare STUDY --search"]
     assert residual_sentence(result, content.validation.configurations).startswith("The residuals exceed the noise")
     held = replace(result, status="converged", cost=100.0)
     beyond = [

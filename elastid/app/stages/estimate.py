@@ -166,7 +166,7 @@ def _imported_responses(
                 raise StudyError(
                     f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
                 )
-            with naming(path, "its values are no frequency response; look at them with `elastid inspect`"):
+            with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, places, estimator.quantity)
         if estimator.band_hz is not None:

@@ -103,7 +103,7 @@ def conclude(run: Run) -> None:
             run.console.say(str(path))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
-        raise MisfitError(f"done, but a misfit: {meaning}. {result.message[:1].upper()}{result.message[1:]}")
+        raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
     run.console.say(f"{status}: {meaning}")

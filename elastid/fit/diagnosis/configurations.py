@@ -167,7 +167,8 @@ def find_two_groups(
     groups, ends, cost_apart = split
     first, second = ([part.configuration for part in group.parts] for group in groups)
     members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
-    left = f"fitted apart they leave V = {cost_apart:.4g} instead of {cost:.4g}{_differences(groups, ends)}"
+    part = math.sqrt(cost_apart / cost)
+    left = f"fitted apart they leave {part:.2g} times the rms residual{_differences(groups, ends)}"
     return (Note("two-groups", f"{members}: {left}; {_advice(first, second, robots)}"),)
 
 

@@ -60,6 +60,8 @@ class Limits:
 LIMITS = Limits()
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
+# Of a number of 0 that has none, being positive where it is free.
+CHECK_OR_START = "check it, or free it from another start (fit.parameters: {{{name}: {{start: {start:.2g}}}}})"
 
 
 @dataclass(frozen=True)
@@ -238,6 +240,9 @@ def number_phrase(index: ModificationIndex) -> str:
 def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
+    is_none = bool(index.members) and not index.log[0] and index.values[0] == 0 < index.changed[0]
+    if advice == CHECK_OR_PRIOR and is_none and hypothesis and hypothesis.size and hypothesis.size.log:
+        return CHECK_OR_START.format(name=index.name, start=index.changed[0])
     if not isinstance(advice, str):
         return advice(index, evidence.result)
     size = hypothesis and hypothesis.size

@@ -86,7 +86,7 @@ def with_status(evidence: Evidence) -> FitResult:
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
     if misfit := _by_blocks(evidence) or _by_held_number(evidence):
-        return ended("misfit", f"converged{held}, but {misfit}")
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
@@ -184,10 +184,11 @@ def _by_held_number(evidence: Evidence) -> str:
     if moved[worst] <= MISFIT.effect:
         return ""
     same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
+    left = max(result.cost - index.drop, 0.0) / max(result.cost_expected, 1e-300)
     return (
-        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower V by "
-        f"{index.drop:.0f}, and move {result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard "
-        "deviations"
+        f"the model is wrong by more than the intervals say: {phrase(index, evidence)}{same} would lower the residuals "
+        f"from {result.residual_ratio:.3g} to {math.sqrt(left):.3g} times the noise, and move "
+        f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
     )
 
 
@@ -201,9 +202,7 @@ class Limits:
 
     near_bound: float = 1e-4  # share of a range within which x is at its bound
     held_share: float = 0.5  # of the starts that end at a bound
-    # Of the ends of an interval, beyond which a parameter is weakly determined, or not at all.
-    interval_factor: float = 10.0
-    unconstrained_factor: float = 1e6
+    interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
     singular_value: float = 1e-3  # the least, as a share of the largest
     part_of_direction: float = 0.2  # of a parameter in the least determined direction
@@ -267,9 +266,8 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
-            interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
-            far = "the data barely constrain it" if not high < LIMITS.unconstrained_factor * low else interval
-            yield Note("weakly-determined", f"{parameter.name} is weakly determined: {far}")
+            # Without the interval: that of the table may be found later, by profile likelihood.
+            yield Note("weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
     for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
         yield Note("correlated", text)
@@ -292,8 +290,9 @@ def _search(result: FitResult) -> Iterator[Note]:
     if result.hits == 1 < len(starts) - len(lost):
         yield Note(
             "one-hit",
-            f"only 1 of {len(starts)} starts reached the best cost (V = {starts[0].cost:.5g}, the next "
-            f"{starts[1].cost:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
+            f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "
+            f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
+            "optimum; raise fit.starts or lower fit.start_factor",
         )
 
 

@@ -243,7 +243,7 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
     Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
     own = [shape for shape, _ in friction.taken_shapes(place)]
-    bend = max((shape.threshold for shape in own if shape.kind != "sign"), default=0.0)
+    bend = max((shape.threshold for shape in own if shape.kind not in ("sign", "stribeck")), default=0.0)
     if bend > 0:
         distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
         torque, std = friction.reversal(place, distance)

@@ -290,7 +290,9 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
     for place, path in earlier:
         if not os.path.isfile(responses_file(base, path)):
-            problem = f"no such measurement (looked for {responses_file(base, path)}); `elastid estimate` makes it"
+            problem = (
+                f"no such measurement (looked for {responses_file(base, path)}); `elastid estimate STUDY` makes it"
+            )
             yield Problem(place, problem)
 
 

@@ -81,8 +81,9 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
     known = list(study.experiment.configurations)
     if load.configuration is not None and load.configuration not in known:
         yield unknown((*path, "configuration"), "configuration", load.configuration, known)
-    if load.payload and not study.as_robot().frames:
-        message = "no frame of the robot can carry a payload; give it one: frames: [{name: tool, ...}]"
+    if load.payload and not (robot := study.as_robot()).frames:
+        advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
+        message = f"no frame of the robot can carry a payload; give it {advice}"
         yield Problem((*path, "payload"), message)
 
 

@@ -8,7 +8,7 @@ from plants.artefacts import same
 from plants.dry_friction import measured
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import VISCOUS, WITH_COULOMB
+from elastid.app.identified_robot import SLOPE, WITH_COULOMB
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
@@ -72,7 +72,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     summary = json.loads(run.summary("fit").read_text())
     assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]
     viscous = summary["parameters"]["fm_1"]
-    assert viscous["contains"] == VISCOUS
+    assert viscous["contains"] == SLOPE
     assert abs(viscous["value"] - viscous["truth"]) < 0.2 * viscous["truth"]
     numbers = friction_numbers(load_robot(run.folder / "identified_robot.yml"))
     assert numbers["Fc_m1"][0] == pytest.approx(level, rel=1e-9)
@@ -83,7 +83,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     assert (run.folder / "figures" / "friction.png").exists()
     said = capsys.readouterr().out
     assert said.count(f"friction taken out of the torque: motor 1 {shown} ") == 1
-    assert f"fm_1: {VISCOUS}" in said
+    assert f"fm_1: {SLOPE}" in said
     assert f"motor 1: F_c = {level:.6g} N*m" in described(run.path("estimate"))
     explained = [replay.fit_percent.mean(axis=0).min() for replay in read_validation(run.path("validate")).replays]
     assert min(explained) > 99

@@ -1,0 +1,39 @@
+"""Every advice in every message works when it is pasted: found in the source, provoked, followed, and gone."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from plants import advice_of_fits, advice_of_logs, advice_of_studies
+from plants.advice import CASES, GAP, Case, Desk, advices, keys
+
+# Each registers its cases.
+assert advice_of_fits, advice_of_logs
+assert advice_of_studies
+
+
+def test_no_advice_is_forgotten() -> None:
+    """Whatever a message tells a user to paste has a case, and no case is left over."""
+    assert {(advice.module, advice.text) for advice in advices()} == {*CASES}
+
+
+def test_a_setting_names_a_key_that_exists() -> None:
+    """With the sections that it names, whatever stands for names that the study chooses."""
+    for advice in (each for each in advices() if each.is_setting):
+        path = advice.text.partition(":")[0].replace(f".{GAP}", "").replace("[]", "")
+        paths = [re.sub(r"\[\]|\.?<name>", "", key.path) for key in keys()[path.rpartition(".")[2]]]
+        assert any(each.endswith(path) for each in paths), (advice, paths)
+
+
+@pytest.mark.parametrize(
+    "follow",
+    [
+        pytest.param(function, id=function.__name__, marks=[pytest.mark.slow] * slow)
+        for function, slow in dict(CASES.values()).items()
+    ],
+)
+def test_an_advice_works_when_it_is_pasted(follow: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message is there, and gone once its advice is followed."""
+    follow(Desk(tmp_path, capsys))
