@@ -89,7 +89,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     F, n_y, n_u = shapes.G.shape
     level = np.einsum("faa->a", S).real / F
     if not np.all(level > 0):
-        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-300))
+        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-200))
         return lambda other: np.broadcast_to(diagonal, (len(other.G), n_y, n_y)).astype(np.complex128)
     scale = np.sqrt(level)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]

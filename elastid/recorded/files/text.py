@@ -181,7 +181,8 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
-    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
+    rows = f", interleaved: {text.interleaved}" if text.interleaved > 1 else ""
+    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'{rows}}}"
 
 
 def _decoded(raw: bytes) -> str:
