@@ -249,6 +249,7 @@ def smooth_covariance(
     quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
     for_weights = np.where(loud, level, for_weights * quiet)
     X = X / level[:, None, None]
+    X[~known] = np.eye(n)
     rho = _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
