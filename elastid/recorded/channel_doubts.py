@@ -45,6 +45,9 @@ class DoubtLimits:
     # Inertia of a joint over that of its motor, link side, and |log| of its distance from it with another unit.
     max_inertia_ratio: float = 12.0
     max_inertia_factor: float = 1.0
+    # Share of the torque that must be explained where a part of it decides, and what a part is at least.
+    min_well_explained: float = 0.9
+    min_part: float = 0.05
     # Parts of the torque by the inertia and by the damping of a motion that is one derivative further than stated.
     max_inertial: float = 0.03
     min_viscous: float = 0.9
@@ -97,8 +100,16 @@ class JointSignals:
     def is_plausible(self, relation: TorqueRelation) -> bool:
         """True if inertia and friction are positive, and the inertia is not far from the motor's."""
         is_positive = relation.inertial > LIMITS.max_inertial and relation.dissipated > -LIMITS.max_inertial
-        least = self.motor_inertia
-        return is_positive and least / 3 < relation.inertia < LIMITS.max_inertia_ratio * least
+        return is_positive and self.is_inertia(relation.inertia)
+
+    def is_inertia(self, inertia: float) -> bool:
+        """True if an inertia is not far from the motor's."""
+        return self.motor_inertia / 3 < inertia < LIMITS.max_inertia_ratio * self.motor_inertia
+
+    def unit_changes(self, i: int, quantity: str) -> dict[float, str]:
+        """What factors of an inertia units of another quantity make of that by the stated one; and what to write."""
+        stated, dimension = self.unit_size(i), self._dimension(quantity, self.channels[i])
+        return {stated / TABLE[unit][1]: f", unit: {unit}" for unit in units_of(dimension)}
 
     @cached_property
     def driving(self) -> int | None:
@@ -106,13 +117,19 @@ class JointSignals:
         at_motor = [i for i in self.motions if self.channels[i].at.startswith("motor ")]
         return next(iter((*sorted(at_motor, key=self.order), *self.motions)), None)
 
+    def unit_size(self, i: int) -> float:
+        """The size in SI of the unit that is stated of a signal."""
+        channel = self.channels[i]
+        return TABLE[channel.unit or self._dimension(channel.quantity, channel)][1]
+
+    def _dimension(self, quantity: str, channel: ChannelSpec) -> str:
+        unit = QUANTITY_UNIT[quantity]
+        return of_translation(unit) if self.joint.slides and channel.side == "link" else unit
+
     def factors(self, i: int) -> list[tuple[float, str]]:
         """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
-        channel = self.channels[i]
-        dimension = QUANTITY_UNIT[channel.quantity]
-        if self.joint.slides and channel.side == "link":
-            dimension = of_translation(dimension)
-        stated = TABLE[channel.unit or dimension][1]
+        channel, stated = self.channels[i], self.unit_size(i)
+        dimension = self._dimension(channel.quantity, channel)
         units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in units_of(dimension) if TABLE[unit][1] != stated]
         ratio = abs(self.ratio) ** (1 if channel.side == "link" else -1)
         side = "side: motor" if channel.side == "link" else "side: link"
@@ -233,7 +250,12 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
         return
     elif abs(np.log(gain)) > LIMITS.max_gain:
         factors = [(f, i, t) for i, sense in ((a, -1), (b, 1)) for f, t in ((x**sense, t) for x, t in joint.factors(i))]
-        near = nearest_factor(gain, [(f, f"{i} {t}") for f, i, t in factors], LIMITS.max_factor)
+        # Either may be at fault; the torque doubts one of them.
+        odd = [i for i in (a, b) if joint.torque is not None and not joint.is_plausible(joint.relation(i))]
+        for some in ([each for each in factors if each[1] in odd], factors):
+            near = nearest_factor(gain, [(f, f"{i} {t}") for f, i, t in some], LIMITS.max_factor)
+            if near:
+                break
         text = f"{second} is {gain:.4g} times what {first} makes it"
         if near:
             number, _, keys = near.partition(" ")
@@ -297,6 +319,9 @@ def _torque(joint: JointSignals, u: int, y: int) -> Iterator[Doubt]:
     needed = stated.explained - LIMITS.max_inertial if is_against else stated.explained + LIMITS.min_quantity_gain
     others = {k: joint.relation(y, k) for k in range(len(MOTIONS)) if k != joint.order(y)}
     k, best = max(others.items(), key=lambda item: (joint.is_plausible(item[1]), item[1].explained))
+    # Power that comes out of friction needs no better explanation to be doubted than one without it.
+    is_driven = stated.dissipated < -LIMITS.min_part and best.explained > LIMITS.min_well_explained
+    needed = stated.explained - LIMITS.max_inertial if is_driven else needed
     if joint.is_plausible(best) and best.explained > max(LIMITS.min_explained, needed):
         text = (
             f"as {MOTIONS[k]} {motion} explains {100 * best.explained:.0f} % of the torque {torque} by a positive "
@@ -319,14 +344,17 @@ def _inertia(joint: JointSignals, u: int, y: int, stated: TorqueRelation) -> Ite
     least, channel = joint.motor_inertia, joint.channels[y]
     torque = f"the torque {joint.channels[u].name_in_file}"
     plain = joint.relation(y, turns=False)  # angles that are too large make gravity of inertia
-    if plain.inertial > LIMITS.min_explained and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
+    least_part = LIMITS.min_part if plain.explained > LIMITS.min_well_explained else LIMITS.min_explained
+    if plain.inertial > least_part and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
         near = nearest_factor(least / plain.inertia, joint.factors(y), LIMITS.max_inertia_factor)
         if near and not channel.unit:
             text = f"{torque} shows an inertia of {plain.inertia:.3g} at {channel.name_in_file}, the motor alone has "
             yield Doubt(y, near.partition(":")[0], f"{text}{least:.3g} (link side); {near} would make both agree")
-    is_mass = least / 3 < stated.damping < LIMITS.max_inertia_ratio * least
     is_all = stated.viscous > LIMITS.min_viscous and abs(stated.inertial) < LIMITS.max_inertial
-    if is_mass and is_all and joint.order(y) < 2:
+    if is_all and joint.order(y) < 2:
         quantity = MOTIONS[joint.order(y) + 1]
-        text = f"{torque} is proportional to the derivative of {channel.name_in_file}, by the inertia of the motor"
-        yield Doubt(y, "quantity", f"{text}; it seems to be quantity: {quantity}")
+        units = {1.0: ""} if plain.inertial > -LIMITS.min_part else joint.unit_changes(y, quantity)
+        fitting = [text for factor, text in units.items() if joint.is_inertia(stated.damping * factor)]
+        if fitting:
+            text = f"{torque} is proportional to the derivative of {channel.name_in_file}, by the inertia of the motor"
+            yield Doubt(y, "quantity", f"{text}; it seems to be quantity: {quantity}{fitting[0]}")

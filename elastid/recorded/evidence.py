@@ -128,7 +128,8 @@ def travel(x: FloatArray) -> float:
 
 def nearest_factor(gain: float, factors: Sequence[tuple[float, str]], tolerance: float) -> str:
     """The text of the factor that a gain is within a tolerance (of its logarithm) of; empty where there is none."""
-    away, text = min((abs(np.log(abs(gain) / factor)), text) for factor, text in factors if gain and factor)
+    nearest = ((abs(np.log(abs(gain) / factor)), text) for factor, text in factors if gain and factor)
+    away, text = min(nearest, default=(np.inf, ""))
     return text if away <= tolerance else ""
 
 
