@@ -11,13 +11,17 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError, did_you_mean
+from elastid.base.units import TABLE, units_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.recorded.channel_doubts import Doubt, channel_doubts
+from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.channel_guess import rate_by_motions, signals_of
+from elastid.recorded.channel_names import Doubt
 from elastid.recorded.channels import on_time_stamps
 from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
+from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.missing import bridged_gaps
@@ -28,6 +32,7 @@ from elastid.study.source import KeyPath
 _RECORDED: KeyPath = ("experiment", "recorded")
 # Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
 _MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
+_MAX_SIGNALS = 100  # of a log, in which velocities next to positions are looked for
 _IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # A rate that differs by more is another one; time stamps lose samples and drift.
@@ -62,7 +67,8 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
                 if number == 1 and not missing:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            yield Problem(place, str(error))
+            is_format = WRITTEN_OTHERWISE in str(error)
+            yield Problem((*_RECORDED, "text") if is_format else place, str(error))
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
@@ -188,12 +194,27 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
+    if rate := _rate_of_motions(log, rate_hz):
+        yield Problem(where, f"the velocities in the log are the derivatives of its positions at {rate:.4g} Hz")
     arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
     stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if other := [
         hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
     ]:
         yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
+
+
+def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
+    """The rate that velocities next to positions show, where no unit explains that it differs; else 0."""
+    names = [name for name, shape in log.shapes().items() if len(shape) == 1]
+    if len(names) > _MAX_SIGNALS:
+        return 0.0
+    found = rate_by_motions(signals_of(log, 1 << 14))
+    sizes = [TABLE[unit][1] for dimension in ("rad/s", "m/s") for unit in units_of(dimension)]
+    sizes += [TABLE[unit][1] for dimension in ("rad", "m") for unit in units_of(dimension)]
+    factors = {a / b for a in (1.0, *sizes) for b in (1.0, *sizes)}
+    is_explained = found is None or any(not _is_other(found * factor, rate_hz) for factor in factors)
+    return 0.0 if is_explained or found is None else found
 
 
 def _is_other(hz: float, rate_hz: float) -> bool:
