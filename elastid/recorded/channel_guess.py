@@ -37,6 +37,7 @@ _WORDS = {
 _MEASURED = r"act|actual|meas|measured|ist|adx?|fb|mot|motor|qm"
 _NOT_MEASURED = r"ref.*|cmd|command|des|desired|soll|set|target|ff|err.*|rel|model|init|kin|dyn|traj|qg|simple"
 _MIN_SAMPLES = 100  # of a log
+_MAX_RATE_SPREAD = 1.02  # of the rates that pairs of positions and velocities show
 _MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
 _MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
 _MAX_SLOW_CORRELATION = 0.999  # of neighbouring samples of an excitation
@@ -135,10 +136,14 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
     return result
 
 
-def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]]) -> float | None:
-    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are."""
-    si = [x * TABLE[guess.unit][1] if guess.unit in TABLE else x for guess, x in signals]
-    return motions_in(si)[1] if si else None
+def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]], least: int = 1) -> float | None:
+    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are.
+
+    least: so many of them must agree; one alone may be another signal of a resonance.
+    """
+    rates = motions_in([x * TABLE[guess.unit][1] if guess.unit in TABLE else x for guess, x in signals])[1]
+    is_one = len(rates) >= least and max(rates) < _MAX_RATE_SPREAD * min(rates)
+    return float(np.median(rates)) if is_one else None
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:

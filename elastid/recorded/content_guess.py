@@ -22,7 +22,6 @@ _MAX_SMOOTH = 0.05
 _MAX_STEP, _MAX_UNEVEN_SHARE = 1.0, 0.02
 _MIN_CORRELATION = 0.98  # of a derivative with the signal that is it
 _MIN_EXPLAINED = 0.75  # share of a torque that the motion of its joint explains
-_MAX_RATE_SPREAD = 1.02  # of the rates that pairs of positions and velocities show
 _MAX_SAMPLES = 1 << 15  # that suffice for a guess
 
 
@@ -56,13 +55,13 @@ def is_clock(x: FloatArray) -> bool:
     return even_grid(x - x[0]) is not None or float(np.mean(np.abs(steps / usual - 1) > _MAX_STEP)) < _MAX_UNEVEN_SHARE
 
 
-def motions_in(signals: Sequence[FloatArray]) -> tuple[tuple[MotionGuess, ...], float | None]:
-    """The joints whose torque, position and velocity are among signals (n,), by place, and the rate in Hz.
+def motions_in(signals: Sequence[FloatArray]) -> tuple[tuple[MotionGuess, ...], tuple[float, ...]]:
+    """The joints whose torque, position and velocity are among signals (n,), by place, and rates in Hz.
 
-    The rate is that at which velocities are the derivatives of positions, in the same unit; None where none are.
+    Rates are those at which each velocity is the derivative of its position, in the same unit.
     """
     if not signals or len(signals[0]) < 40 * _WIDTH:
-        return (), None
+        return (), ()
     X = np.stack([x[:_MAX_SAMPLES] for x in signals], axis=1)
     smooth, speed, change = (np.stack([derivative(x, k, 1.0, _WIDTH) for x in X.T], axis=1) for k in (0, 1, 2))
     velocity_of, rates = _velocities(smooth, speed)
@@ -78,8 +77,7 @@ def motions_in(signals: Sequence[FloatArray]) -> tuple[tuple[MotionGuess, ...], 
     for guess in sorted(found, key=lambda g: (g.velocity is None, -round(g.explained, 2), g.position)):
         if all(len({guess.torque, guess.position} & {other.torque, other.position}) == 0 for other in result):
             result.append(guess)
-    is_one = bool(rates) and max(rates) < _MAX_RATE_SPREAD * min(rates)
-    return tuple(sorted(result, key=lambda g: g.position)), float(np.median(rates)) if is_one else None
+    return tuple(sorted(result, key=lambda g: g.position)), tuple(rates)
 
 
 def _velocities(smooth: FloatArray, speed: FloatArray) -> tuple[dict[int, int], list[float]]:

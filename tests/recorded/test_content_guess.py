@@ -44,10 +44,10 @@ def test_joints_are_found_among_columns_without_names() -> None:
     parts = [joint(k) for k in range(3)]
     columns = [*(u for *_, u in parts), *(q for q, *_ in parts), *(v for _, v, _ in parts)]
     columns += [*(q + 0.1 for q, *_ in parts), 30 + np.round(0.01 * T, 1)]
-    found, rate_hz = motions_in(columns)
+    found, rates_hz = motions_in(columns)
     assert [(guess.torque, guess.position, guess.velocity) for guess in found] == [(0, 3, 6), (1, 4, 7), (2, 5, 8)]
-    assert rate_hz == pytest.approx(RATE, rel=1e-3)
+    assert rates_hz == pytest.approx([RATE] * 6, rel=1e-3)
 
 
 def test_noise_is_no_joint() -> None:
-    assert motions_in(list(np.random.default_rng(0).standard_normal((6, 4000)))) == ((), None)
+    assert motions_in(list(np.random.default_rng(0).standard_normal((6, 4000)))) == ((), ())

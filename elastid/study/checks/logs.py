@@ -209,7 +209,7 @@ def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
     names = [name for name, shape in log.shapes().items() if len(shape) == 1]
     if len(names) > _MAX_SIGNALS:
         return 0.0
-    found = rate_by_motions(signals_of(log, 1 << 14))
+    found = rate_by_motions(signals_of(log, 1 << 14), least=2)
     sizes = [TABLE[unit][1] for dimension in ("rad/s", "m/s") for unit in units_of(dimension)]
     sizes += [TABLE[unit][1] for dimension in ("rad", "m") for unit in units_of(dimension)]
     factors = {a / b for a in (1.0, *sizes) for b in (1.0, *sizes)}
