@@ -17,10 +17,10 @@ over draws, is at most 1.5 times that of the best candidate.  Its CPU time is at
 and 0.2 s for a preview.
 
 Coverage of H1: share of the lines with a thousandth of the highest input power, at 30 and 50 dB, whose 95 % regions
-hold the truth, by the coherence alone (`noise`) and with the leakage of windows and the leverage of segments
-(`total`): noise 94 -> 95 %, hammer 94 -> 96, binary 93 -> 95; with a start from rest or single sines in each segment
-chirp 68 -> 94, sweep 82 -> 97, three repeats 74 -> 88, stepped sine 75 -> 89; with noise in the loop 89 -> 90, where the
-error is a bias that no covariance knows.  The last line is one JSON object.
+hold the truth, by the coherence alone (`noise`) and with the leakage of windows and the leverage of segments (`total`):
+noise 94 -> 95 %, hammer 94 -> 96, binary 93 -> 95; with a start from rest or single sines in each segment chirp 68 ->
+94, sweep 82 -> 97, three repeats 74 -> 88, stepped sine 75 -> 89; with noise in the loop 89 -> 90, where the error is a
+bias that no covariance knows.  The last line is one JSON object.
 """
 
 import argparse
