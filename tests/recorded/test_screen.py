@@ -39,8 +39,8 @@ def test_clean_pieces_pass(sign: int) -> None:
 
 
 def test_the_largest_of_many_samples_is_no_spike() -> None:
-    """Pieces of 344 000 samples, as of a log of gigabytes, of which one in 70 holds a lone sample beyond 5 sigma."""
-    for seed in range(60):
+    """Four of 240 pieces of 344 000 samples, each of which holds a lone sample beyond 5 sigma."""
+    for seed in (63, 141, 232, 242):
         assert not _has_spike(np.random.default_rng(seed).standard_normal((21, 16384)), 1)
 
 
