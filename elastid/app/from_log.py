@@ -9,7 +9,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +17,28 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import ChannelGuess, JointGuess, LogGuess, guess_log, signals_of
-from elastid.recorded.files.formats import opened_log
+from elastid.recorded.channel_guess import (
+    ChannelGuess,
+    JointGuess,
+    LogGuess,
+    guess_by_name,
+    guess_log,
+    rate_by_motions,
+    signals_of,
+)
+from elastid.recorded.content_guess import is_clock, rows_of_a_sample
+from elastid.recorded.files.formats import opened_log, values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.periodicity import find_period, repetition
+from elastid.recorded.repair.clock import delay
 from elastid.recorded.repair.time_stamps import even_grid
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
 _MAX_SAMPLES = 1 << 18
+_MIN_ALIKE = 0.9  # correlation of the drives of two logs of one excitation
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _RATE_RANGE_HZ = (20.0, 200e3)  # of logs of machines
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
@@ -34,11 +46,15 @@ _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 @dataclass(frozen=True)
 class Clock:
-    """The rate of a log in Hz, None where nothing shows it; the name of its time where samples lie unevenly."""
+    """The rate of a log in Hz, None where nothing shows it; the name of its time.
+
+    is_even: its samples need not be brought to the rate.
+    """
 
     rate_hz: float | None
     why: str
-    time: str = ""
+    name: str = ""
+    is_even: bool = True
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
@@ -49,22 +65,25 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     first = logs[0]
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
-        clock, signals, is_text = _clock(log), signals_of(log, _MAX_SAMPLES), isinstance(log, TextLog)
-    signals = [(guess, x) for guess, x in signals if not is_time(guess.name)]
+        is_text = isinstance(log, TextLog)
+        form = replace(form, interleaved=_rows_of_a_sample(log))
+    with opened_log(first, form) as log:
+        clock, signals = _clock(log), signals_of(log, _MAX_SAMPLES)
+    signals = [(guess, x) for guess, x in signals if not is_time(guess.name) and guess.name != clock.name]
+    if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
+        clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None:
-        raise DataError(
-            f"{first}: no two signals of one length change in it; `elastid inspect {first}` shows its content"
-        )
+        raise DataError(_no_guess(first, form, len(signals)))
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
-    if guess.is_motion and clock.rate_hz is not None:
-        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, ())]
+    if guess.is_motion:
+        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, (), ())]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
     period = _period(drives)
-    files = [text, *_files(paths, guess.joints)]
+    files = [text, *_files(paths, guess.joints, _realisations(logs, form, guess.joints, period[0]))]
     content = [*_head("responses", first), *_responses(guess, clock, period), *files]
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
@@ -77,16 +96,17 @@ def _joined(lines: Iterable[str]) -> str:
 
 def _clock(log: Log) -> Clock:
     shapes = log.shapes()
-    for name in filter(is_time, shapes):
+    unnamed = [name for name in shapes if guess_by_name(name, None).confidence == 0]
+    for name in (*filter(is_time, shapes), *unnamed):
         t = np.asarray(time_of(log, name))
-        if len(t) > 2 and np.all(np.diff(t) > 0):
+        if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
             usual = 1 / float(np.median(np.diff(t)))
             low, high = _RATE_RANGE_HZ
             unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
             grid = even_grid(t - t[0])
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
-            uneven = name if unit == "s" and (grid is None or len(grid[0]) <= grid[0][-1]) else ""
-            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", uneven)
+            is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
+            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     arrays = log.arrays if isinstance(log, ArrayLog) else {}
     for name, array in arrays.items():
         if array.rate_hz:
@@ -94,6 +114,49 @@ def _clock(log: Log) -> Clock:
         if name.lower().rpartition(".")[2] in _RATES and not array.is_signal:
             return Clock(float(np.squeeze(np.asarray(array))), f"{name} in the file")
     return Clock(None, "no time is in the log")
+
+
+def _rows_of_a_sample(log: Log) -> int:
+    """Those of a text log without headings; 1 of any other."""
+    if not isinstance(log, TextLog) or log.headings:
+        return 1
+    try:
+        return rows_of_a_sample(log.columns(range(log.n_columns)))
+    except DataError:  # words among the numbers
+        return 1
+
+
+def _no_guess(path: Path, form: TextFormatSpec, count: int) -> str:
+    if count < 2:
+        return f"{path}: no two signals of one length change in it; `elastid inspect {path}` shows its content"
+    rows = f", {form.interleaved} rows of the file to a sample," if form.interleaved > 1 else ""
+    return (
+        f"{path}: {count} signals change in it{rows} and neither their names nor Newton's law say which are torques "
+        "and which motions; begin with `elastid new --template recorded` and name them, or give the log headings such "
+        "as tau_1 and q_1"
+    )
+
+
+def _realisations(
+    logs: Sequence[Path], form: TextFormatSpec, joints: Sequence[JointGuess], period: str
+) -> tuple[int, ...]:
+    """The realisation of each log, by what its drives repeat: the same number for further periods of one excitation."""
+    stated = re.match(r" *period_samples: (\d+) ", period)
+    if stated is None:
+        return tuple(range(len(logs)))
+    N, known, result = int(stated[1]), list[FloatArray](), list[int]()
+    drives = [ChannelSpec("u", "any", joint.torque.name, joint.torque.column) for joint in joints]
+    for path in logs:
+        with opened_log(path, form) as log:
+            u = values_of(log, drives, 0, _MAX_SAMPLES)
+        if len(u) < N or not np.isfinite(u).all():
+            return tuple(range(len(logs)))
+        one = (u[len(u) % N :].reshape(-1, N, len(drives))).mean(axis=0)
+        alike = [all(delay(a, b, N)[1] > _MIN_ALIKE for a, b in zip(other.T, one.T, strict=True)) for other in known]
+        result.append(alike.index(True) if True in alike else len(known))
+        if True not in alike:
+            known.append(one)
+    return tuple(result)
 
 
 def _head(kind: str, first: Path) -> Iterator[str]:
@@ -134,8 +197,8 @@ def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator
 def _rate(clock: Clock) -> Iterator[str]:
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
-    if clock.time:
-        yield f"    time: {_quoted(clock.time)} # its steps are uneven: samples are brought to rate_hz"
+    if not clock.is_even:
+        yield f"    time: {_quoted(clock.name)} # its steps are uneven: samples are brought to rate_hz"
 
 
 def _period(drives: FloatArray) -> list[str]:
@@ -154,14 +217,16 @@ def _period(drives: FloatArray) -> list[str]:
 
 def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
     """A line of the list.  of_robot: torque or force, which a drive of a robot is taken for."""
+    scale = f"{guess.scale:g}" if guess.scale != 1 else ""
     quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
     keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
     keys += [f"column: {guess.column}"] if guess.column is not None else []
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
         other = _DRIVE_UNIT[of_robot]
         why = f"{why} a {quantity}; scale is the {other} of one {unit}"
-        quantity, unit = of_robot, other
+        quantity, unit, scale = of_robot, other, "1"
     keys += [f"quantity: {quantity}", f"unit: {unit}"]
+    keys += [f"scale: {scale}"] if scale else []
     if of_robot and quantity == "current":
         keys.append("torque_constant: 1 N*m/A")
         why = f"{why}; torque_constant is that of your motor's data sheet"
@@ -169,11 +234,12 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(paths: Sequence[str], joints: Sequence[JointGuess]) -> Iterator[str]:
+def _files(paths: Sequence[str], joints: Sequence[JointGuess], realisations: Sequence[int]) -> Iterator[str]:
     of_structure = ", configuration: bench, realisation: {}" if joints else ""
-    yield "    files:" + (" # guessed: each with other random phases" if joints and len(paths) > 1 else "")
-    for i, path in enumerate(paths):
-        yield f"      - {{path: {_quoted(path)}{of_structure.format(i)}}}"
+    why = "each of an excitation of its own" if len(set(realisations)) > 1 else "all hold periods of one excitation"
+    yield "    files:" + (f" # guessed: {why}" if joints and len(paths) > 1 else "")
+    for path, number in zip(paths, realisations or range(len(paths)), strict=True):
+        yield f"      - {{path: {_quoted(path)}{of_structure.format(number)}}}"
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:

@@ -198,7 +198,10 @@ def _pole(
     scattered = float(np.sum(by_line / np.maximum(1 - share, LIMITS.free_share))) / power**2
     # Leakage has one sign in a window: it moves the pole as a whole, and not along one part alone.
     leaked = 0.0 if response.leakage is None else 2 * _moved(response.leakage[window], weights, slopes, power)
-    variance_of_z = float((max(stated, scattered) + leaked) * scale**2)
+    # A sum over lines whose errors are correlated has so many times the variance at most; slopes that alternate within
+    # as many lines have less.
+    scattered = response.correlated_lines * max(stated, scattered)
+    variance_of_z = float((scattered + leaked) * scale**2)
     return center + scale * z, variance_of_z, float(np.sqrt(misfit)) if known else np.nan
 
 

@@ -16,23 +16,30 @@ where K_e independent segments would inform as much as the K that overlap (Welch
           \beta_k = \sum_l \frac{|W_l|^2}{\sum_m |W_m|^2} H_{k+l} - H_k
 
 so that resonances are flattened by beta, 1/6 of the second difference of H under Hann's window.  `total` holds the
-square of beta, less the part that noise makes of it.  A resonance narrower than a few lines is flattened beyond that,
-and what a boxcar leaks lies between the lines.  (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
+square of beta, less the part that noise makes of it.  A sine that sweeps, or rings down, is in few segments at each
+line, and so is what their windows leak; with the leverage h_k of a segment the covariance of its errors is
+
+.. math:: C_h = \frac{1}{n_u - \sum_k h_k^2} \sum_k h_k V_k V_k^H, \qquad h_k = U_k^H S_{uu}^{-1} U_k
+
+(White, Econometrica 48, 1980), which `total` holds where it is larger, over some lines, than S_vv makes it.  A
+resonance narrower than a few lines is flattened beyond that, and what a boxcar leaks lies between the lines.
+(Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.covariance import kronecker
+from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import adjoint, power, total_least_squares, transposed
 from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
 from elastid.frf.spec import EstimatorSpec
@@ -42,6 +49,7 @@ from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
+_LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
 # Of a window's power on its middle line: lines with less of it leak nothing that counts.
 _LEAST_LEAKAGE = 1e-4
 
@@ -171,13 +179,29 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
 
     Raises DataError where a sample is missing, StudyError where the band holds no line.
     """
-    first, w, D = records[0], segments.window, segments.step
-    L, n_y = len(w), len(first.outputs)
+    first, n_y = records[0], len(records[0].outputs)
+    lines, freq_hz, scale = _lines(first, segments, spec)
     n = n_y + len(first.inputs)
+    S = np.zeros((len(lines), n, n), dtype=np.complex128)
+    for Z in _spectra(records, segments, lines):
+        S += Z @ adjoint(Z)
+    S *= scale[:, :, None] * scale[:, None, :].conj()
+    lengths = [record.n_samples for record in records]
+    return CrossSpectra(freq_hz, S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
+
+
+def _lines(first: Record, segments: Segments, spec: EstimatorSpec) -> tuple[IntArray, FloatArray, ComplexArray]:
+    """The lines (F,) of a segment in the band, their frequencies (F,), and the scale (F, n) of its spectra."""
+    L = len(segments.window)
     lines = grid_lines("full", spec.band_hz or (0.0, first.rate_hz / 2), first.rate_hz, L)
     freq_hz = line_frequencies(lines, first.rate_hz, L)
-    scale = 2 / w.sum() * unit_scale(first, freq_hz, spec.quantity)
-    S = np.zeros((len(lines), n, n), dtype=np.complex128)
+    return lines, freq_hz, np.asarray(2 / segments.window.sum() * unit_scale(first, freq_hz, spec.quantity))
+
+
+def _spectra(records: Sequence[Record], segments: Segments, lines: IntArray) -> Iterator[ComplexArray]:
+    """Z = [Y; U] (F, n, K) of all segments, some at a time, each less its mean."""
+    w, D = segments.window, segments.step
+    L, n = len(w), len(records[0].outputs) + len(records[0].inputs)
     at_once = max(1, 4_000_000 // (L * n))  # 32 MB
     for record in records:
         refuse_uncomputable(record)
@@ -187,13 +211,27 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
             signals = np.ascontiguousarray(np.concatenate([record.y[part], record.u[part]], axis=1).T)
             cut = np.lib.stride_tricks.sliding_window_view(signals, L, axis=1)[:, ::D]
             cut = (cut - cut.mean(axis=2, keepdims=True)) * w
-            Z = np.moveaxis(rfft(cut, axis=2)[:, :, lines], 2, 0)
-            S += Z @ adjoint(Z)
+            yield np.moveaxis(rfft(cut, axis=2)[:, :, lines], 2, 0)
             release(record.y)
             release(record.u)
-    S *= scale[:, :, None] * scale[:, None, :].conj()
-    lengths = [record.n_samples for record in records]
-    return CrossSpectra(freq_hz, S, n_y, sum(map(segments.count, lengths)), sum(map(segments.independent, lengths)))
+
+
+def _by_leverage(
+    records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra, G: ComplexArray
+) -> ComplexArray:
+    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by its weight in G."""
+    lines, freq_hz, scale = _lines(records[0], segments, spec)
+    used = np.isin(freq_hz, data.freq_hz)
+    n_y, n_u, inverse = data.n_y, G.shape[2], np.linalg.inv(data.uu)
+    C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
+    for spectra in _spectra(records, segments, lines[used]):
+        Z = spectra * scale[used][:, :, None]
+        U = Z[:, n_y:]
+        V = Z[:, :n_y] - G @ U
+        h = np.sum(U.conj() * (inverse @ U), axis=1).real
+        C += (V * h[:, None]) @ adjoint(V)
+        squares += np.sum(h**2, axis=1)
+    return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
@@ -217,7 +255,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         )
     data, L = data.on(usable), len(segments.window)
     G = _response(data, spec.method)
-    covariance, total, beta, C_V = _covariances(data, G, segments)
+    covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
     notes = [note for record in records for note in record.notes]
     if not usable.all():
@@ -262,9 +300,12 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
 
 
 def _covariances(
-    data: CrossSpectra, G: ComplexArray, segments: Segments
+    data: CrossSpectra, G: ComplexArray, segments: Segments, C_h: ComplexArray
 ) -> tuple[Covariance, Covariance, ComplexArray, ComplexArray]:
-    """Covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U."""
+    """Covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U.
+
+    C_h (F, n_y, n_y): that by leverage.
+    """
     dof = data.K_e - G.shape[2]
     cross = data.yu @ adjoint(G)
     S_V = data.yy - cross - adjoint(cross) + G @ data.uu @ adjoint(G)
@@ -275,7 +316,11 @@ def _covariances(
     left = transposed(inverse) * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
-    noise, total = (kronecker(left, C, dof) for C in (C_V, C_V + scaled @ adjoint(scaled)))
+    own, by_leverage = power(C_V), power(C_h)
+    excess = local_mean(np.divide(by_leverage, own, out=np.ones_like(own), where=own > 0))
+    factor = np.sqrt(np.maximum(excess, 1.0))
+    C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ adjoint(scaled)
+    noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))
     return noise, total, beta, C_V
 
 

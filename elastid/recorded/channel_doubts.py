@@ -5,6 +5,7 @@ Only what cannot be otherwise is doubted: relations of signals that agree to a f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
+from elastid.recorded.channel_names import Doubt, doubts_by_names
 from elastid.recorded.evidence import (
     MotionRelation,
     TorqueRelation,
@@ -45,6 +47,9 @@ class DoubtLimits:
     # Inertia of a joint over that of its motor, link side, and |log| of its distance from it with another unit.
     max_inertia_ratio: float = 12.0
     max_inertia_factor: float = 1.0
+    # Share of the torque that must be explained where a part of it decides, and what a part is at least.
+    min_well_explained: float = 0.9
+    min_part: float = 0.05
     # Parts of the torque by the inertia and by the damping of a motion that is one derivative further than stated.
     max_inertial: float = 0.03
     min_viscous: float = 0.9
@@ -53,15 +58,6 @@ class DoubtLimits:
 
 
 LIMITS = DoubtLimits()
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault."""
-
-    channel: int | None
-    key: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -97,8 +93,16 @@ class JointSignals:
     def is_plausible(self, relation: TorqueRelation) -> bool:
         """True if inertia and friction are positive, and the inertia is not far from the motor's."""
         is_positive = relation.inertial > LIMITS.max_inertial and relation.dissipated > -LIMITS.max_inertial
-        least = self.motor_inertia
-        return is_positive and least / 3 < relation.inertia < LIMITS.max_inertia_ratio * least
+        return is_positive and self.is_inertia(relation.inertia)
+
+    def is_inertia(self, inertia: float) -> bool:
+        """True if an inertia is not far from the motor's."""
+        return self.motor_inertia / 3 < inertia < LIMITS.max_inertia_ratio * self.motor_inertia
+
+    def unit_changes(self, i: int, quantity: str) -> dict[float, str]:
+        """What factors of an inertia units of another quantity make of that by the stated one; and what to write."""
+        stated, dimension = self.unit_size(i), self._dimension(quantity, self.channels[i])
+        return {stated / TABLE[unit][1]: f", unit: {unit}" for unit in units_of(dimension)}
 
     @cached_property
     def driving(self) -> int | None:
@@ -106,15 +110,22 @@ class JointSignals:
         at_motor = [i for i in self.motions if self.channels[i].at.startswith("motor ")]
         return next(iter((*sorted(at_motor, key=self.order), *self.motions)), None)
 
+    def unit_size(self, i: int) -> float:
+        """The size in SI of the unit that is stated of a signal."""
+        channel = self.channels[i]
+        return TABLE[channel.unit or self._dimension(channel.quantity, channel)][1]
+
+    def _dimension(self, quantity: str, channel: ChannelSpec) -> str:
+        unit = QUANTITY_UNIT[quantity]
+        return of_translation(unit) if self.joint.slides and channel.side == "link" else unit
+
     def factors(self, i: int) -> list[tuple[float, str]]:
         """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
-        channel = self.channels[i]
-        dimension = QUANTITY_UNIT[channel.quantity]
-        if self.joint.slides and channel.side == "link":
-            dimension = of_translation(dimension)
-        stated = TABLE[channel.unit or dimension][1]
+        channel, stated = self.channels[i], self.unit_size(i)
+        dimension = self._dimension(channel.quantity, channel)
         units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in units_of(dimension) if TABLE[unit][1] != stated]
-        ratio = abs(self.ratio) ** (1 if channel.side == "link" else -1)
+        # A motor turns further than its joint, with less torque.
+        ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
         side = "side: motor" if channel.side == "link" else "side: link"
         return [*units, (ratio, side)] if abs(np.log(ratio)) > LIMITS.max_gain else units
 
@@ -125,6 +136,7 @@ def channel_doubts(
     """Doubts about channels of one rate from the values (n, c) of a log, as they stand in the file."""
     constant = [i for i, x in enumerate(values.T) if not np.isfinite(x).any() or np.nanmax(x) == np.nanmin(x)]
     yield from _constants(constant, channels, values)
+    yield from doubts_by_names(channels)
     if constant or len(values) < LIMITS.min_samples or not isinstance(robot, Robot):
         return
     joints = _joints(channels, values, rate_hz, robot)
@@ -233,7 +245,12 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
         return
     elif abs(np.log(gain)) > LIMITS.max_gain:
         factors = [(f, i, t) for i, sense in ((a, -1), (b, 1)) for f, t in ((x**sense, t) for x, t in joint.factors(i))]
-        near = nearest_factor(gain, [(f, f"{i} {t}") for f, i, t in factors], LIMITS.max_factor)
+        # Either may be at fault; the torque doubts one of them.
+        odd = [i for i in (a, b) if joint.torque is not None and not joint.is_plausible(joint.relation(i))]
+        for some in ([each for each in factors if each[1] in odd], factors):
+            near = nearest_factor(gain, [(f, f"{i} {t}") for f, i, t in some], LIMITS.max_factor)
+            if near:
+                break
         text = f"{second} is {gain:.4g} times what {first} makes it"
         if near:
             number, _, keys = near.partition(" ")
@@ -281,12 +298,21 @@ def _order(joints: Sequence[JointSignals]) -> Iterator[Doubt]:
         if i != j and not is_taken and own < LIMITS.max_stated and other > needed:
             channel, name = driven[i].torque, driven[j].joint.name
             assert channel is not None, "joints without torque are left out"
+            of_motions = [joint.channels[joint.driving or 0].channel for joint in driven]
+            of_torques = [joint.channels[joint.torque or 0].channel for joint in driven]
+            place = driven[i].driving if _is_numbered(of_torques) and not _is_numbered(of_motions) else channel
             text = (
                 f"{driven[i].channels[channel].name_in_file} is explained by the motion of joint {name} "
                 f"({100 * other:.0f} %) rather than of joint {driven[i].joint.name} ({100 * own:.0f} %); check the "
                 "order of the channels"
             )
-            yield Doubt(channel, "at", text)
+            yield Doubt(place, "at", text)
+
+
+def _is_numbered(names: Sequence[str]) -> bool:
+    """True if the numbers in names rise."""
+    numbers = [[int(number) for number in re.findall(r"\d+", name)] for name in names]
+    return all(numbers) and numbers == sorted(numbers)
 
 
 def _torque(joint: JointSignals, u: int, y: int) -> Iterator[Doubt]:
@@ -297,6 +323,10 @@ def _torque(joint: JointSignals, u: int, y: int) -> Iterator[Doubt]:
     needed = stated.explained - LIMITS.max_inertial if is_against else stated.explained + LIMITS.min_quantity_gain
     others = {k: joint.relation(y, k) for k in range(len(MOTIONS)) if k != joint.order(y)}
     k, best = max(others.items(), key=lambda item: (joint.is_plausible(item[1]), item[1].explained))
+    # A negative inertia, or power that comes out of friction, gives way to what explains as much without it.
+    is_impossible = min(stated.inertial, stated.dissipated) < -LIMITS.min_part
+    if is_impossible and best.explained > LIMITS.min_well_explained:
+        needed = stated.explained - LIMITS.max_inertial
     if joint.is_plausible(best) and best.explained > max(LIMITS.min_explained, needed):
         text = (
             f"as {MOTIONS[k]} {motion} explains {100 * best.explained:.0f} % of the torque {torque} by a positive "
@@ -319,14 +349,21 @@ def _inertia(joint: JointSignals, u: int, y: int, stated: TorqueRelation) -> Ite
     least, channel = joint.motor_inertia, joint.channels[y]
     torque = f"the torque {joint.channels[u].name_in_file}"
     plain = joint.relation(y, turns=False)  # angles that are too large make gravity of inertia
-    if plain.inertial > LIMITS.min_explained and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
-        near = nearest_factor(least / plain.inertia, joint.factors(y), LIMITS.max_inertia_factor)
-        if near and not channel.unit:
-            text = f"{torque} shows an inertia of {plain.inertia:.3g} at {channel.name_in_file}, the motor alone has "
-            yield Doubt(y, near.partition(":")[0], f"{text}{least:.3g} (link side); {near} would make both agree")
-    is_mass = least / 3 < stated.damping < LIMITS.max_inertia_ratio * least
+    least_part = LIMITS.min_part if plain.explained > LIMITS.min_well_explained else LIMITS.min_explained
+    if plain.inertial > least_part and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
+        text = f"{torque} shows an inertia of {plain.inertia:.3g} at {channel.name_in_file}, the motor alone has "
+        # The unit that is stated in particular is doubted first.
+        for i, sense in sorted(((y, 1), (u, -1)), key=lambda each: each[0] == y or joint.unit_size(u) == 1):
+            factors = [(factor**sense, key) for factor, key in joint.factors(i)]
+            near = nearest_factor(least / plain.inertia, factors, LIMITS.max_inertia_factor)
+            if near:
+                yield Doubt(i, near.partition(":")[0], f"{text}{least:.3g} (link side); {near} would make both agree")
+                break
     is_all = stated.viscous > LIMITS.min_viscous and abs(stated.inertial) < LIMITS.max_inertial
-    if is_mass and is_all and joint.order(y) < 2:
+    if is_all and joint.order(y) < 2:
         quantity = MOTIONS[joint.order(y) + 1]
-        text = f"{torque} is proportional to the derivative of {channel.name_in_file}, by the inertia of the motor"
-        yield Doubt(y, "quantity", f"{text}; it seems to be quantity: {quantity}")
+        units = {1.0: ""} if plain.inertial > -LIMITS.min_part else joint.unit_changes(y, quantity)
+        fitting = [text for factor, text in units.items() if joint.is_inertia(stated.damping * factor)]
+        if fitting:
+            text = f"{torque} is proportional to the derivative of {channel.name_in_file}, by the inertia of the motor"
+            yield Doubt(y, "quantity", f"{text}; it seems to be quantity: {quantity}{fitting[0]}")

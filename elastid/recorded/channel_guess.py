@@ -13,6 +13,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
+from elastid.recorded.content_guess import is_clock, motions_in
 from elastid.recorded.evidence import NO_RELATION, TorqueRelation, motion_relations, torque_relation, travel
 from elastid.recorded.files.formats import values_of
 from elastid.recorded.files.log import ArrayLog, Log
@@ -25,6 +26,7 @@ _UNITS = (
     (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
     (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
+    (r"g", "acceleration", "g"),
 )  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"torques?|tau|trq|moment|efforts?|drehmoment",
@@ -35,6 +37,10 @@ _WORDS = {
 _MEASURED = r"act|actual|meas|measured|ist|adx?|fb|mot|motor|qm"
 _NOT_MEASURED = r"ref.*|cmd|command|des|desired|soll|set|target|ff|err.*|rel|model|init|kin|dyn|traj|qg|simple"
 _MIN_SAMPLES = 100  # of a log
+_MAX_RATE_SPREAD = 1.02  # of the rates that pairs of positions and velocities show
+_MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
+_MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
+_MAX_SLOW_CORRELATION = 0.999  # of neighbouring samples of an excitation
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
 
@@ -43,6 +49,7 @@ class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  confidence: from 0 to 1.  sign: against its torque.
+    scale: of its numbers to the unit.
     """
 
     name: str
@@ -53,6 +60,7 @@ class ChannelGuess:
     confidence: float
     why: str
     sign: int = 1
+    scale: float = 1.0
 
     @property
     def family(self) -> str:
@@ -98,6 +106,8 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     if unit in TABLE:
         stated = [q for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
         spelt = [(q, unit) for q in stated] or spelt
+    if spelt and spelt[0][1] == "g":
+        return ChannelGuess(name, column, "acceleration", "m/s^2", rank, 0.9, "in multiples of gravity", scale=9.80665)
     if spelt:
         return ChannelGuess(name, column, *spelt[0], rank, 0.95, f"the unit {spelt[0][1]} is stated")
     for quantity, pattern in _WORDS.items():
@@ -120,32 +130,77 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
                 x = values_of(log, [ChannelSpec("y", "any", name, number, quantity="position")], 0, most)[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
-            if np.isfinite(x).all() and np.ptp(x) > 0:
-                result.append((guess_by_name(name, number, units), x))
+            known = np.flatnonzero(np.isfinite(x))
+            if len(known) > _MIN_KNOWN_SHARE * len(x) and np.ptp(x[known]) > 0:
+                result.append((guess_by_name(name, number, units), np.interp(np.arange(len(x)), known, x[known])))
     return result
 
 
+def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]], least: int = 1) -> float | None:
+    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are.
+
+    least: so many of them must agree; one alone may be another signal of a resonance.
+    """
+    rates = motions_in([x * TABLE[guess.unit][1] if guess.unit in TABLE else x for guess, x in signals])[1]
+    is_one = len(rates) >= least and max(rates) < _MAX_RATE_SPREAD * min(rates)
+    return float(np.median(rates)) if is_one else None
+
+
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
-    """The joints of a log, each a torque and its motion; None where there are no two signals."""
+    """The joints of a log, each a torque and its motion; None where nothing says which signals are."""
     values = {(g.name, g.column): x for g, x in signals}
     drives = _best_family([g for g, _ in signals if g.quantity in DRIVES], DRIVES)
     motions = _best_family([g for g, _ in signals if g.quantity in MOTIONS], MOTIONS)
-    unnamed = [g for g, _ in signals if g.confidence == 0]
     if not drives or not motions:
-        if len(unnamed) < 2:
-            return None
-        why = "no name says it: the first column is taken as a torque, the second as an acceleration"
-        drives = [replace(unnamed[0], quantity="torque", confidence=0.1, why=why)]
-        motions = [replace(unnamed[1], quantity="acceleration", unit="rad/s^2", confidence=0.1, why=why)]
+        drives, motions = _by_content([(g, x) for g, x in signals if g.confidence == 0])
+    if not drives:
+        return None
     given = motions[0].quantity
     velocities = _best_family([g for g, _ in signals if g.quantity == "velocity"], MOTIONS)
-    motions = [_with_unit(m, velocities[i : i + 1], values, rate_hz) for i, m in enumerate(motions)]
+    slides = all(g.quantity == "force" for g in drives)
+    motions = _alike([_with_unit(m, velocities[i : i + 1], values, rate_hz, slides) for i, m in enumerate(motions)])
     joints = [_joint(drive, motions, i, values, rate_hz) for i, drive in enumerate(drives)]
     taken = [joint.motion for joint in joints]
-    others = [_with_unit(g, (), values, rate_hz) for g, _ in signals if g.quantity == given and g.rank >= 0]
+    others = [_with_unit(g, (), values, rate_hz, slides) for g, _ in signals if g.quantity == given and g.rank >= 0]
     further = [g for g in others if all((g.name, g.column) != (t.name, t.column) for t in taken)]
     slow = all(_median_hz(values[j.torque.name, j.torque.column], rate_hz) < _MOTION_HZ for j in joints)
     return LogGuess(tuple(joints), tuple(further), slow and motions[0].quantity == "position")
+
+
+def _by_content(
+    signals: Sequence[tuple[ChannelGuess, FloatArray]],
+) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
+    """Torques and motions among signals (n,) whose names say nothing; none of them where nothing else does."""
+    signals = [(g, x) for g, x in signals if not is_clock(x)]
+    joints, _ = motions_in([x for _, x in signals])
+    if joints:
+        why = "no name says it: by Newton's law"
+        drives = [replace(signals[j.torque][0], quantity="torque", confidence=0.5, why=why) for j in joints]
+        whys = [why if j.velocity is None else f"its derivative is {signals[j.velocity][0].name}" for j in joints]
+        motions = [
+            replace(signals[j.position][0], quantity="position", confidence=0.5, why=each)
+            for j, each in zip(joints, whys, strict=True)
+        ]
+        return drives, motions
+    if len(signals) < 2 or _is_slow(signals[0][1]):
+        return [], []
+    why = "no name says it: the first column is taken as a torque, the second as an acceleration"
+    first, second = (replace(g, confidence=0.1, why=why) for g, _ in signals[:2])
+    return [replace(first, quantity="torque")], [replace(second, quantity="acceleration", unit="rad/s^2")]
+
+
+def _is_slow(x: FloatArray) -> bool:
+    """True for a signal (n,) that hardly changes from one sample to the next, as no excitation of a structure does."""
+    return float(np.var(np.diff(x))) < 2 * (1 - _MAX_SLOW_CORRELATION) * float(np.var(x))
+
+
+def _alike(motions: Sequence[ChannelGuess]) -> list[ChannelGuess]:
+    """Motions of one family in one unit: where some are found to be in deg, all are that are only assumed not to be."""
+    in_deg = [m for m in motions if m.unit == "deg"]
+    why = f"deg as {in_deg[0].name}" if in_deg else ""
+    return [
+        replace(m, unit="deg", why=why) if in_deg and m.unit == "rad" and "assumed" in m.why else m for m in motions
+    ]
 
 
 def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:
@@ -163,9 +218,9 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
 
 def _with_unit(
     motion: ChannelGuess, velocities: Sequence[ChannelGuess], values: Mapping[tuple[str, int | None], FloatArray],
-    rate_hz: float,
+    rate_hz: float, slides: bool,
 ) -> ChannelGuess:  # fmt: skip
-    """A motion with a unit: by its velocity's, by its travel, or SI."""
+    """A motion with a unit: by its velocity's, by its travel, or SI; slides: its drive is a force."""
     if motion.unit:
         return motion
     x = values[motion.name, motion.column]
@@ -175,9 +230,10 @@ def _with_unit(
         of_speed = TABLE[other.unit][1] if other.unit else 1.0
         if abs(relation.correlation) > 0.98 and abs(np.log(abs(relation.gain) * of_speed * 180 / np.pi)) < 0.1:
             return replace(motion, unit="deg", confidence=0.9, why=f"deg by its derivative, {other.name}")
-    if motion.quantity == "position" and travel(x) > 8 * np.pi:
+    if motion.quantity == "position" and not slides and travel(x) > 8 * np.pi:
         return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {travel(x):.3g}")
     unit = QUANTITY_UNIT[motion.quantity]
+    unit = of_translation(unit) if slides else unit
     return replace(motion, unit=unit, confidence=0.5 * motion.confidence, why=f"{motion.why}; {unit} is assumed")
 
 
@@ -199,9 +255,8 @@ def _joint(
     share = f"it explains {100 * best.explained:.0f} % of {drive.name}"
     if best.is_against_motion and best.explained > 0.75:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
-    return JointGuess(
-        drive, replace(motion, why=f"{motion.why}; {share}"), best, best.explained > plain.explained + 0.05
-    )
+    has_gravity = 1 - best.explained < _MAX_LEFT_BY_GRAVITY * (1 - plain.explained)
+    return JointGuess(drive, replace(motion, why=f"{motion.why}; {share}"), best, has_gravity)
 
 
 def _median_hz(x: FloatArray, rate_hz: float) -> float:

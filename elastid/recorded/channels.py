@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec, Places
@@ -30,7 +30,8 @@ from elastid.recorded.repair.time_stamps import on_grid
 class GatheredChannels:
     """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file.
 
-    Known disturbances (role d) stand last.
+    rows (n,): their numbers in the file where they lie on time stamps, as `repair.Log` has them, else None.  Known
+    disturbances (role d) stand last.
     period: in samples, not always whole; None without one.
     """
 
@@ -41,17 +42,19 @@ class GatheredChannels:
     first: int
     notes: tuple[Note, ...]
     findings: tuple[Finding, ...]
+    rows: IntArray | None = None
 
 
 @dataclass(frozen=True)
 class _Part:
-    """The channels of one file with one rate: their places in the study's list, signals (n, c), and findings."""
+    """The channels of one file with one rate: their places in the study's list, signals (n, c), findings, and rows."""
 
     file: int
     rate_hz: float
     members: tuple[int, ...]
     signals: FloatArray
     findings: tuple[Finding, ...] = ()
+    rows: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         first=0 if file.samples is None else file.samples[0],
         notes=tuple(notes),
         findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts),
+        rows=parts[0].rows if len(parts) == 1 else None,
     )
 
 
@@ -156,9 +160,21 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
                 "is not included"
             )
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
-    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log) if has_time else Repaired(values)
+    gridded, rows = Repaired(values), None
+    if has_time:
+        gridded, rows = on_time_stamps(values, rate_hz, log)
     signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
-    return _Part(number, own_rate_hz, members, signals, gridded.findings)
+    return _Part(number, own_rate_hz, members, signals, gridded.findings, rows)
+
+
+def on_time_stamps(values: FloatArray, rate_hz: float, log: Log) -> tuple[Repaired, IntArray]:
+    """Signals at rate_hz from values (n, c + 1), the last of which are their times, and their rows, as `Log` has them.
+
+    DataError as of `on_grid`.
+    """
+    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
+    instants_s = (np.arange(len(gridded.signals)) - 0.5) / rate_hz
+    return gridded, log.first + np.searchsorted(values[:, -1] - values[0, -1], instants_s)
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:

@@ -94,13 +94,14 @@ def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, tu
 def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
     torque = derivative(u, 0, rate_hz, width)
     # Of an acceleration the velocity is its integral, without the drift.
-    motion, order = (_integral(y, rate_hz), 1) if order == 2 else (y, order)
+    motion, order, turns = (_integral(y, rate_hz), 1, False) if order == 2 else (y, order, turns)
     v, a = (derivative(motion, k - order, rate_hz, width) for k in (1, 2))
     quick = np.pad(derivative(motion, 1 - order, rate_hz, WIDTHS[0]), int(6 * WIDTHS[0]), mode="edge")
     s = derivative(np.sign(quick), 0, rate_hz, width)
     columns = [a, v, s, np.ones_like(a)]
-    if turns and order == 0 and np.ptp(y) > _LARGE_ANGLE:
-        q = derivative(y, 0, rate_hz, width)
+    angle = {0: y, 1: _integral(y, rate_hz)}.get(order) if turns else None
+    if angle is not None and np.ptp(angle) > _LARGE_ANGLE:
+        q = derivative(angle, 0, rate_hz, width)
         columns += [np.cos(q), np.sin(q)]
     # Smoothed signals need no more samples than two a width.
     step = max(1, int(width / 2))
@@ -128,7 +129,8 @@ def travel(x: FloatArray) -> float:
 
 def nearest_factor(gain: float, factors: Sequence[tuple[float, str]], tolerance: float) -> str:
     """The text of the factor that a gain is within a tolerance (of its logarithm) of; empty where there is none."""
-    away, text = min((abs(np.log(abs(gain) / factor)), text) for factor, text in factors if gain and factor)
+    nearest = ((abs(np.log(abs(gain) / factor)), text) for factor, text in factors if gain and factor)
+    away, text = min(nearest, default=(np.inf, ""))
     return text if away <= tolerance else ""
 
 

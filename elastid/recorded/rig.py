@@ -121,7 +121,9 @@ class RecordedRig:
         channels, where = gathered.channels, f"record {experiment.name}"
         where += f", {file.path}" if is_one_of_several else ""
         known_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
-        log = Log(str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first)
+        log = Log(
+            str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first, gathered.rows
+        )
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         repaired, N, rate_hz = repaired_signals(gathered, roles, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)

@@ -2,7 +2,7 @@ r"""Screen of a piece of a large log: quick tests that every repair would leave 
 
 With m the mean repetition of the piece, without its drift, and e = x - m what does not repeat, a piece passes where
 
-.. math:: |e(t) - \tfrac14 [e(t-3) + e(t-2) + e(t+2) + e(t+3)]| \le 5 \sigma
+.. math:: |e(t) - \tfrac14 [e(t-3) + e(t-2) + e(t+2) + e(t+3)]| \le 6 \sigma
 
 (or as much around it: no lone sample is a spike), where the power of e is that of the first piece (no samples are lost
 and no repetition stops), where m lags that of the first piece by no more than its noise, and e has no part that grows
@@ -34,7 +34,7 @@ class ScreenLimits:
     """
 
     # A sample of more sigmas is a spike unless others around it reach this part of it (the rule asks for a sixth).
-    min_sigmas: float = 5.0
+    min_sigmas: float = 6.0
     min_neighbour_share: float = 0.25
     # Power of a torque that does not repeat, over that of the first piece, and over that of the torque.
     max_power_ratio: float = 1.5

@@ -17,9 +17,10 @@ over draws, is at most 1.5 times that of the best candidate.  Its CPU time is at
 and 0.2 s for a preview.
 
 Coverage of H1: share of the lines with a thousandth of the highest input power, at 30 and 50 dB, whose 95 % regions
-hold the truth, by the coherence alone (`noise`) and with the leakage of windows (`total`): noise 94 -> 95 %, hammer 94
--> 96, binary 93 -> 95; with a start from rest or single sines in each segment chirp 68 -> 89, sweep 82 -> 90, three
-repeats 74 -> 79, stepped sine 75 -> 80; with noise in the loop 89 -> 90.  The last line is one JSON object.
+hold the truth, by the coherence alone (`noise`) and with the leakage of windows and the leverage of segments (`total`):
+noise 94 -> 95 %, hammer 94 -> 96, binary 93 -> 95; with a start from rest or single sines in each segment chirp 68 ->
+94, sweep 82 -> 97, three repeats 74 -> 88, stepped sine 75 -> 89; with noise in the loop 89 -> 90, where the error is a
+bias that no covariance knows.  The last line is one JSON object.
 """
 
 import argparse
@@ -45,10 +46,8 @@ PERIOD = 1024
 METHODS = ("arithmetic", "h1", "h2", "hv", "joint", "local_polynomial", "local_rational")
 # Of H1 where it has errors that are no leakage: starts from rest, single sines, noise in the loop.
 MIN_COVERAGE = {
-    "chirp": 0.87,
-    "sweep from rest": 0.88,
-    "three repeats": 0.75,
-    "stepped sine": 0.77,
+    "three repeats": 0.86,
+    "stepped sine": 0.87,
     "operating closed loop": 0.87,
 }
 MAX_RATIO, MAX_CPU_RATIO, PREVIEW_S = 1.5, 3.0, 0.2

@@ -11,8 +11,9 @@ time, period, length, units, side, quantity, sign and order.
 
 The last line is one JSON object: mistakes reported, and clean logs with a false report.
 
-150 rigs: no false report, and 160 of 167 mistakes reported. Missed are the unit and the quantity of a motor's angle
-that is the only motion of its joint, where inertia is a small part of the torque.
+Half of the motions are logged in radians, without a unit in the study.
+150 rigs: no false report, and 166 of 167 mistakes reported. Missed is an angle in radians that is stated in degrees,
+where it is the only motion of its joint: the inertia is 57 times as large then, which links have behind small motors.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -178,7 +179,7 @@ def main() -> None:
     print("\n".join(alarms))
     share = sum(reported.values()) / sum(made.values())
     assert len(alarms) <= 0.01 * n, alarms
-    assert share > 0.92, {name: (reported[name], made[name]) for name in made if reported[name] < made[name]}
+    assert share > 0.97, {name: (reported[name], made[name]) for name in made if reported[name] < made[name]}
     print(json.dumps({"rigs": n, "false alarms": len(alarms), "mistakes": sum(made.values()), "reported": share,
                       "kinds": len(made)}))  # fmt: skip
 
@@ -221,10 +222,27 @@ def write_rig(folder: Path, number: int, seed: int) -> tuple[Mistake, ...]:
     names = ("tau", "phi", "spare", *others, *(["t"] if has_time else []))
     kept = {name: x for name, x in log.items() if name.partition("_")[0] in names}
     rows = np.stack(list(kept.values()), axis=1)
+    study, mistakes = MOTION % rate_hz + more + FILES, OF_ALL + (OF_TIME if has_time else ()) + mistakes
+    if number // 6 % 2:  # in radians
+        rows[:, [name.startswith(("phi", "link")) for name in kept]] *= np.pi / 180
+        study, mistakes = without_degrees(study), tuple(map(in_radians, mistakes))
     np.savetxt(folder / "log.csv", rows, "%.9g", ",", header=",".join(kept), comments="")
     (folder / "robot.yml").write_text(robot)
-    (folder / "study.yml").write_text(MOTION % rate_hz + more + FILES)
-    return OF_ALL + (OF_TIME if has_time else ()) + mistakes
+    (folder / "study.yml").write_text(study)
+    return mistakes
+
+
+def without_degrees(text: str) -> str:
+    """A study, or a part of one, of a log in radians."""
+    return text.replace(", unit: deg/s", "").replace(", unit: deg", "")
+
+
+def in_radians(mistake: Mistake) -> Mistake:
+    """The same mistake about a log in radians; degrees taken as radians become radians taken as degrees."""
+    right, wrong = without_degrees(mistake.right), without_degrees(mistake.wrong)
+    if mistake.name.startswith("degrees as radians"):
+        return Mistake(mistake.name.replace("degrees as radians", "radians as degrees"), right, mistake.right)
+    return Mistake(mistake.name, right, wrong, mistake.line)
 
 
 def motion_log(rng: np.random.Generator, rate_hz: float) -> tuple[Mapping[str, FloatArray], str]:

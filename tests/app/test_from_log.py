@@ -77,6 +77,70 @@ def test_millimetres_are_of_a_joint_that_slides(tmp_path: Path) -> None:
     assert "scale is the N of one V" in (tmp_path / "new" / "study.yml").read_text()
 
 
+def written(log: Path, rows: np.ndarray, folder: Path, *more: Path) -> str:
+    """The study of a log without headings, and of others."""
+    np.savetxt(log, rows, "%.8g")
+    assert cli.run_command(["new", str(folder), "--from", *map(str, (log, *more))]) == 0
+    return (folder / "study.yml").read_text()
+
+
+def two_joints(rate: float = 250.0) -> list[np.ndarray]:
+    """Positions in deg, velocities in deg/s and torques of two joints, one of which bears gravity."""
+    t = np.arange(5000) / rate
+    parts = []
+    for k in range(2):
+        omega = np.array([0.9, 2.1, 3.3]) * (1 + 0.31 * k)
+        q, v, a = (sum(0.2 * w**m * np.sin(w * t + m * np.pi / 2) for w in omega) for m in range(3))
+        parts.append((np.rad2deg(q), np.rad2deg(v), 3 * a + 5 * v + 4 * np.sign(v) + 9 * k * np.cos(q)))
+    return [t, *(x for of_kind in zip(*parts, strict=True) for x in of_kind)]
+
+
+@pytest.mark.parametrize("has_time", [True, False])
+def test_columns_without_headings_are_told_by_what_they_hold(has_time: bool, tmp_path: Path) -> None:
+    """Time, positions, velocities, torques; without a time the rate is that of the velocities; missing samples."""
+    columns = two_joints()[not has_time :]
+    columns[-1][700:720] = np.nan
+    text = written(tmp_path / "log.dat", np.stack(columns, axis=1), tmp_path / "new")
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert recorded.rate_hz == pytest.approx(250, rel=1e-3)
+    names = [f"column {i + has_time}" for i in (5, 1, 6, 2)]
+    assert [channel.channel for channel in recorded.channels] == names
+    assert [channel.unit for channel in recorded.channels if channel.role == "y"] == ["deg", "deg"]
+    assert "by Newton's law" in text
+    assert "gravity: [0, 0, -9.81]" in (tmp_path / "new" / "robot.yml").read_text()
+
+
+def test_signals_one_below_the_other_are_interleaved(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And a study of friction without a rate says that it needs one."""
+    _, q1, q2, _, _, u1, u2 = two_joints()
+    rows = np.stack([np.stack([q1, q2], axis=1).ravel(), np.stack([u1, u2], axis=1).ravel()], axis=1)
+    assert "interleaved: 2" in written(tmp_path / "log.txt", rows, tmp_path / "new")
+    assert cli.run_command(["check", str(tmp_path / "new" / "study.yml")]) == 2
+    assert "give it in Hz" in capsys.readouterr().err
+
+
+def test_logs_of_one_excitation_are_one_realisation(tmp_path: Path) -> None:
+    """Two that hold further periods, from another sample on, and one with other phases."""
+    rng, period, lines = np.random.default_rng(0), 500, np.arange(1, 100)
+    for number, (phases, start) in enumerate(((0, 0), (0, 177), (1, 0))):
+        phase = np.random.default_rng(phases).uniform(0, 2 * np.pi, len(lines))
+        u = np.cos(2 * np.pi * np.outer(np.arange(start, start + 4 * period) / period, lines) + phase).sum(axis=1)
+        rows = np.stack([u, u + 0.1 * rng.standard_normal(len(u))], axis=1)
+        np.savetxt(tmp_path / f"{number}.csv", rows, "%.8g", ",", header="force_N,acc_g", comments="")
+    logs = [str(tmp_path / f"{number}.csv") for number in range(3)]
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert [file.realisation for file in recorded.files] == [0, 0, 1]
+    motion = next(channel for channel in recorded.channels if channel.role == "y")
+    assert (motion.unit, motion.scale) == ("m/s^2", 9.80665)
+
+
+def test_signals_that_nothing_tells_apart_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.savetxt(tmp_path / "log.txt", np.stack(two_joints()[1:3], axis=1).ravel())
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.txt")]) == 1
+    assert "2 signals change in it, 2 rows of the file to a sample" in capsys.readouterr().err
+
+
 def test_logs_without_the_option_and_a_full_folder_are_refused(
     motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

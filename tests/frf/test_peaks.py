@@ -69,6 +69,26 @@ def test_the_intervals_hold_the_truth() -> None:
     assert np.all(np.mean(np.square(errors), axis=0) < 2)
 
 
+def test_errors_that_neighbouring_lines_share_widen_the_intervals() -> None:
+    """Noise averaged over eight lines, 20 draws: rms errors are at most those stated, and would not be without them."""
+    freq_hz, c = np.arange(20, 800) / 8, 8
+    true, errors, stated = exact(freq_hz), [], []
+    natural = true_modes()[0] / (2 * np.pi)
+    sigma = 0.01 * float(np.median(np.abs(true.G)))
+    covariance = Covariance(np.full(true.G.shape, sigma**2), np.inf)
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        white = [random.standard_normal((len(freq_hz) + c - 1, *true.G.shape[1:])) for _ in range(2)]
+        noise = np.sum([(white[0] + 1j * white[1])[k : k + len(freq_hz)] for k in range(c)], axis=0)
+        G = true.G + sigma * noise / np.sqrt(2 * c)
+        found = peaks(replace(true, G=G, noise=covariance, correlated_lines=float(c)))
+        errors.append([found[0].freq_hz - natural[0], found[2].freq_hz - natural[2]])
+        stated.append([found[0].freq_std, found[2].freq_std])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(stated), axis=0))
+    assert np.all(ratio < 1.15), ratio
+    assert np.any(ratio * np.sqrt(c) > 1.3), ratio
+
+
 def test_a_pole_that_leaves_its_lines_is_no_peak() -> None:
     """A step without bound, from a bump between the peaks of this draw, ends the search; the three peaks are found."""
     logs = [log for m in range(2) for log in shake(256.0, 2048, 3, 2472 + m)]

@@ -89,7 +89,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     F, n_y, n_u = shapes.G.shape
     level = np.einsum("faa->a", S).real / F
     if not np.all(level > 0):
-        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-300))
+        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-200))
         return lambda other: np.broadcast_to(diagonal, (len(other.G), n_y, n_y)).astype(np.complex128)
     scale = np.sqrt(level)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
@@ -249,6 +249,7 @@ def smooth_covariance(
     quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
     for_weights = np.where(loud, level, for_weights * quiet)
     X = X / level[:, None, None]
+    X[~known] = np.eye(n)
     rho = _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)

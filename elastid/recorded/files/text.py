@@ -31,6 +31,9 @@ _FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
 )
 
 
+WRITTEN_OTHERWISE = "; it seems to be written with "
+
+
 @dataclass(frozen=True)
 class TextLog:
     """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start."""
@@ -97,6 +100,7 @@ class TextLog:
                     return (
                         f"{self.path}, line {number}, column {column + 1}{title}: '{fields[column]}' is not a number; "
                         "check delimiter and decimal under text, or correct the line"
+                        f"{otherwise_written(self.path, self.format)}"
                     )
         return ""
 
@@ -159,29 +163,35 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
 
 def guess_format(path: Path) -> TextFormatSpec:
     """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
+    return _best_format(path)[1]
+
+
+def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
+    """The format with the most numbers, and how many more these are than words."""
     with path.open("rb") as file:
         # The last 20 lines of the first 64 KiB.
         lines = _decoded(file.read(65536)).splitlines()[-21:-1]
-    formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _FORMATS]
 
     def numbers_less_words(text: TextFormatSpec) -> int:
         decimal = [line.replace(",", ".") if text.decimal == "," else line for line in lines]
         return sum(1 if _is_number(field) else -1 for line in decimal for field in _fields(line, text))
 
-    return max(formats, key=numbers_less_words)
+    scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*each) for each in _FORMATS)]
+    return max(scored, key=lambda each: each[0])
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
     """The end of a message about a log that cannot be read as stated: the format that it seems to have, if another."""
-    seems = guess_format(path)
-    if (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
+    surplus, seems = _best_format(path)
+    if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
-    return f"; it seems to be written with {described_format(seems)}"
+    return f"{WRITTEN_OTHERWISE}{described_format(seems)}"
 
 
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
-    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
+    rows = f", interleaved: {text.interleaved}" if text.interleaved > 1 else ""
+    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'{rows}}}"
 
 
 def _decoded(raw: bytes) -> str:

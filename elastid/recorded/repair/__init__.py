@@ -40,17 +40,28 @@ class Repaired:
 
 @dataclass(frozen=True)
 class Log:
-    """Names of a log, its channels and its times in messages. first: number in the file of the first sample."""
+    """Names of a log, its channels and its times in messages. first: number in the file of the first sample.
+
+    rows (n,): numbers in the file of all samples, where its time leaves some out; None where it does not.
+    """
 
     where: str
     names: tuple[str, ...]
     rate_hz: float | None = None
     first: int = 0
+    rows: IntArray | None = None
+
+    def number(self, sample: SupportsInt) -> int:
+        """The number in the file of a sample, or of the end of all."""
+        i = int(sample)
+        if self.rows is None:
+            return self.first + i
+        return int(self.rows[i]) if i < len(self.rows) else int(self.rows[-1]) + 1 + i - len(self.rows)
 
     def time_of(self, sample: SupportsInt) -> str:
         """A sample by its number in the file and, where the rate is known, its time."""
-        number = self.first + int(sample)
-        return f"sample {number}" + ("" if self.rate_hz is None else f" ({number / self.rate_hz:.6g} s)")
+        instant = "" if self.rate_hz is None else f" ({(self.first + int(sample)) / self.rate_hz:.6g} s)"
+        return f"sample {self.number(sample)}{instant}"
 
 
 def counts(findings: Iterable[Finding]) -> dict[str, int]:

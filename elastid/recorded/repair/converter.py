@@ -28,6 +28,7 @@ class ConverterLimits:
 
     min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
     min_repeats: float = 3.0  # a signal of steps takes few values: on average each at least so many times
+    min_values: int = 4  # fewer are levels that a torque was given: of a hammer, a binary or a ternary sequence
     step_tolerance: float = 0.02  # distance of a value from a whole number of steps, in steps, at most
     # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
     max_step_share: float = 0.01
@@ -66,7 +67,7 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
     findings = []
     for c, name in enumerate(log.names):
         q = step(signals[:, c])
-        if q == 0:
+        if q == 0 or np.ptp(signals[:, c]) < (LIMITS.min_values - 1.5) * q:
             continue
         X = flat(signals[:, c], L, sign)
         size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)

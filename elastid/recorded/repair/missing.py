@@ -19,6 +19,7 @@ DROPPED = "lost samples put back"
 DOUBLED = "doubled samples taken out"
 FILLED = "missing samples filled"
 INTERPOLATED = "missing samples interpolated"
+CUT = "logs cut at gaps"
 # Good samples on each side of a gap without a period that its cubic goes through.
 _CUBIC_SAMPLES = 2
 
@@ -176,6 +177,19 @@ def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
     return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite)"
 
 
+def pieces_between_gaps(signals: FloatArray, least: int) -> IntArray:
+    """First row and end (k, 2) of the pieces of signals (n, c) that no gap interrupts which is too long for a cubic.
+
+    least: rows of a piece.
+    """
+    good = runs(np.asarray(np.isfinite(signals).all(axis=1)), _CUBIC_SAMPLES)
+    if len(good) == 0:
+        return good
+    apart = np.flatnonzero(good[1:, 0] - good[:-1, 1] > LIMITS.max_gap)
+    pieces = np.stack([good[np.r_[0, apart + 1], 0], good[np.r_[apart, len(good) - 1], 1]], axis=1)
+    return np.asarray(pieces[pieces[:, 1] - pieces[:, 0] >= least])
+
+
 def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
     """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
     result, findings = signals.copy(), []
@@ -193,7 +207,7 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(
                 f"{log.where}: {text}, and a record without a period has no other one to fill them from; the longest "
-                f"piece without gaps is samples: [{log.first + first}, {log.first + last}]: use that, or measure again"
+                f"piece without gaps is samples: [{log.number(first)}, {log.number(last)}]: use that, or measure again"
             )
         for start, end in gaps:
             sides = np.flatnonzero(good[:start])[-_CUBIC_SAMPLES:].tolist()

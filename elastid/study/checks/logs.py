@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError, did_you_mean
+from elastid.base.units import TABLE, units_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.recorded.channel_doubts import Doubt, channel_doubts
+from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.channel_guess import rate_by_motions, signals_of
+from elastid.recorded.channel_names import Doubt
+from elastid.recorded.channels import on_time_stamps
 from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
+from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
+from elastid.recorded.repair.missing import bridged_gaps
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -25,6 +32,7 @@ from elastid.study.source import KeyPath
 _RECORDED: KeyPath = ("experiment", "recorded")
 # Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
 _MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
+_MAX_SIGNALS = 100  # of a log, in which velocities next to positions are looked for
 _IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # A rate that differs by more is another one; time stamps lose samples and drift.
@@ -59,7 +67,8 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
                 if number == 1 and not missing:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            yield Problem(place, str(error))
+            is_format = WRITTEN_OTHERWISE in str(error)
+            yield Problem((*_RECORDED, "text") if is_format else place, str(error))
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
@@ -97,12 +106,43 @@ def _check_content(
         return
     rates = list(_check_rate(recorded, log))
     yield from rates
+    if not rates:
+        yield from _check_samples(study, recorded, file, path, log, members, len(values))
     if isinstance(period, float) and not rates and not recorded.time:
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
         for doubt in channel_doubts(channels, values, recorded.known_rate_hz, study.places):
             if not rates or doubt.channel is not None:
                 yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
+
+
+def _check_samples(
+    study: Study,
+    recorded: RecordedSpec,
+    file: FileSpec,
+    path: KeyPath,
+    log: OpenLog,
+    members: Sequence[int],
+    n: int,
+) -> Iterator[Problem]:
+    """The judgements of `measure` on time stamps, and on gaps where no period fills them and none is cut there."""
+    is_cut = recorded.period_of(file) is not None or (study.friction is not None and file.purpose == "motion")
+    if recorded.rate_hz == "unknown" or not (recorded.time or not is_cut):
+        return
+    channels, first = [recorded.channels[k] for k in members], (file.samples or (0,))[0]
+    stamps = [ChannelSpec("y", "time", recorded.time, quantity="position")] if recorded.time else []
+    values = values_of(log, [*channels, *stamps], first, first + n)
+    of_log = Log(file.path, tuple(c.full_name for c in channels), recorded.known_rate_hz, first)
+    at: KeyPath = (*_RECORDED, "time")
+    try:
+        if recorded.time:
+            gridded, rows = on_time_stamps(values, recorded.known_rate_hz, of_log)
+            values, of_log = gridded.signals, replace(of_log, rows=rows)
+        at = (*path, "path")
+        if not is_cut:
+            bridged_gaps(np.where(np.isfinite(values), values, np.nan), of_log)
+    except ElastidError as error:
+        yield Problem(at, str(error))
 
 
 def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
@@ -154,12 +194,27 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
+    if rate := _rate_of_motions(log, rate_hz):
+        yield Problem(where, f"the velocities in the log are the derivatives of its positions at {rate:.4g} Hz")
     arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
     stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if other := [
         hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
     ]:
         yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
+
+
+def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
+    """The rate that velocities next to positions show, where no unit explains that it differs; else 0."""
+    names = [name for name, shape in log.shapes().items() if len(shape) == 1]
+    if len(names) > _MAX_SIGNALS:
+        return 0.0
+    found = rate_by_motions(signals_of(log, 1 << 14), least=2)
+    sizes = [TABLE[unit][1] for dimension in ("rad/s", "m/s") for unit in units_of(dimension)]
+    sizes += [TABLE[unit][1] for dimension in ("rad", "m") for unit in units_of(dimension)]
+    factors = {a / b for a in (1.0, *sizes) for b in (1.0, *sizes)}
+    is_explained = found is None or any(not _is_other(found * factor, rate_hz) for factor in factors)
+    return 0.0 if is_explained or found is None else found
 
 
 def _is_other(hz: float, rate_hz: float) -> bool:

@@ -93,13 +93,28 @@ def _neighbours(place: Path) -> list[str]:
         return []
 
 
+def _no_motor(at: str, motors: Sequence[str]) -> str:
+    """Why a disturbance cannot act at a place that is no motor, and what can be done."""
+    own = "motor " + at.removeprefix("joint ")
+    if at.startswith("joint ") and own in motors:
+        then = f"where joint {at.removeprefix('joint ')} has no spring, give at: {own}, which is the same"
+    else:
+        then = f"give one of {', '.join(motors)} where its torque there is known"
+    return (
+        f"a known disturbance is added to the torque of a motor, and '{at}' is none: {then}; what acts behind a spring "
+        "or on a body is no input of the model: cut that time off with samples"
+    )
+
+
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
     places, motors = study.places, study.places.motor_locations
     signals: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         key_path: KeyPath = (*path, "channels", i)
-        if channel.role in ("r", "u", "d", "reference") and channel.at not in motors:
+        if channel.role == "d" and channel.at not in motors:
+            yield Problem((*key_path, "at"), _no_motor(channel.at, motors))
+        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield unknown((*key_path, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
             yield from check_place((*key_path, "at"), channel.at, places)

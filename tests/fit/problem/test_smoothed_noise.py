@@ -95,3 +95,6 @@ def test_exact_data_have_a_smooth_covariance_too():
     right = np.zeros_like(one.noise.right)
     known = replace(one.noise, right=right, variance=np.zeros(G.shape))
     assert np.all(np.isfinite(smooth_noise(replace(one, noise=known)).variance))
+    known = replace(known, right=right[:, :1, :1], left=known.left[:, :1, :1], variance=np.zeros((len(G), 1, 1)))
+    alone = replace(one, G=one.G[:, :1, :1], outputs=one.outputs[:1], inputs=one.inputs[:1], noise=known)
+    assert np.all(smooth_noise(alone).variance > 0)

@@ -77,3 +77,17 @@ def test_a_rounded_sine_that_is_cut_is_clipped(decimals: int, limit: float) -> N
     x = 3.7 * np.clip(np.sin(2 * np.pi * np.arange(4000) / 200 + 0.3), -limit, limit)
     with pytest.raises(DataError, match="it is clipped"):
         find_clipping(np.round(x, decimals)[:, None], 1000, Log("log", ("x",)))
+
+
+def test_levels_that_a_torque_was_given_are_no_steps() -> None:
+    """A binary sequence, a ternary one and the blows of a hammer; a coarse encoder is one still."""
+    rng = np.random.default_rng(0)
+    for levels in ((-1.0, 1.0), (-1.0, 0.0, 1.0)):
+        given = np.repeat(rng.choice(levels, 600), 5)
+        assert find_steps(np.stack([given, CLEAN[:, 1]], axis=1), len(given), 1, LOG) == ()
+    blows = np.zeros(3000)
+    for first in (100, 900, 2100):
+        blows[first : first + 3] = 50.0, 100.0, 50.0
+    assert find_steps(np.stack([blows, CLEAN[:, 1]], axis=1), 3000, 1, LOG) == ()
+    coarse = 0.7 * CLEAN[:, 1].std() * np.round(CLEAN[:, 1] / (0.7 * CLEAN[:, 1].std()))
+    assert len(find_steps(np.stack([blows, coarse], axis=1), 3000, 1, LOG)) == 1

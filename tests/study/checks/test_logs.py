@@ -1,8 +1,10 @@
 """`check` opens the logs: each mistake about a channel is reported at its line, and a right study has none."""
 
+import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from elastid.app import cli
@@ -73,3 +75,53 @@ def test_the_command_ends_with_exit_code_2(
 )
 def test_times_are_known_by_their_names(name: str, expected: bool) -> None:
     assert is_time(name) is expected
+
+
+STRUCTURE = """name: bench
+experiment:
+  configurations: {bench: []}
+  recorded:
+    rate_hz: 100
+    text: {delimiter: ';'}
+    channels:
+      - {role: u, at: shaker, channel: force, quantity: force, unit: N}
+      - {role: y, at: tip, channel: acc, quantity: acceleration, unit: m/s^2}
+    files:
+      - {path: log.csv, configuration: bench}
+"""
+
+
+def structure_log(folder: Path, delimiter: str, gap: int) -> str:
+    """What check says of the study of a log with samples missing."""
+    rows = np.random.default_rng(0).standard_normal((3000, 2))
+    rows[1000 : 1000 + gap] = np.nan
+    np.savetxt(folder / "log.csv", rows, "%.6g", delimiter, header=f"force{delimiter}acc", comments="")
+    (folder / "study.yml").write_text(STRUCTURE)
+    try:
+        load_with_logs(folder / "study.yml")
+    except StudyError as error:
+        return str(error)
+    return ""
+
+
+def test_another_format_is_reported_at_the_format(tmp_path: Path) -> None:
+    assert structure_log(tmp_path, ";", 0) == ""
+    said = structure_log(tmp_path, ",", 0)
+    assert "study.yml:6:" in said
+    assert "delimiter: ','" in said
+
+
+def test_a_gap_that_measure_refuses_is_reported_and_its_advice_works(tmp_path: Path) -> None:
+    """Also where the log has a time that leaves the samples out: rows of the file count."""
+    said = structure_log(tmp_path, ";", 7)
+    assert "study.yml:11:" in said
+    assert "samples: [1007, 3000]" in said
+    t = np.delete(np.arange(3000) / 100, np.s_[1000:1007])
+    rows = np.column_stack([t, np.random.default_rng(0).standard_normal((len(t), 2))])
+    np.savetxt(tmp_path / "log.csv", rows, "%.8g", ";", header="t;force;acc", comments="")
+    (tmp_path / "study.yml").write_text(STRUCTURE.replace("    text:", "    time: t\n    text:"))
+    with pytest.raises(StudyError, match=re.escape("samples: [1000, 2993]")):
+        load_with_logs(tmp_path / "study.yml")
+    text = (tmp_path / "study.yml").read_text().replace("log.csv,", "log.csv, samples: [1000, 2993],")
+    (tmp_path / "study.yml").write_text(text)
+    load_with_logs(tmp_path / "study.yml")
