@@ -1,0 +1,268 @@
+r"""What the motion of a measurement does to its frequency response: it moves the robot out of the posture.
+
+With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs w = C(q) q' among them, a nearly
+Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
+
+.. math:: L\, \delta X = - \big( \mathrm{E}[R'(z_0 + e_1)] - R' \big) X
+          - \sum_{\pm k} R''\big[ e_2(\omega \pm \omega_k),\, e_1(\mp \omega_k) \big] - R''[\bar e_2, X], \qquad
+          L\, e_2 = - \tfrac12 R''[e_1, e_1]
+
+is the change of X = L^-1 B, the best linear approximation to second order in the motion. The first term is the
+statistical linearisation: the mean mass matrix, gravity that a swing makes softer, loops that turn, and the moving
+posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
+differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
+second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
+feedback where that is known, with motors that stand still at these frequencies where it is not.
+
+Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
+motion; what is left out, of fourth order, is smaller by that square in rad^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.transfer import factor
+from elastid.model.elastic import ElasticModel
+from elastid.model.loop_closure import RANK_TOLERANCE
+from elastid.response import MotorMotion
+
+# Lines of the motion, and lines of the response between which the change is interpolated, at most.
+_MOST_LINES = 64
+_STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
+
+
+def posture_effect(
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion, freq_hz: FloatArray
+) -> ComplexArray:
+    """dG (F, n_y, n_u) that a motion adds to the response of a model about its posture at rest.
+
+    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
+    measured count as standing still.  StudyError as `equilibrium`.
+    """
+    if not motion.power.any():
+        return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
+    expansion = _expand(model, linear, theta)
+    omega = 2 * np.pi * freq_hz
+    moved = _Moved.of(expansion, motion, [motion.motors.index(m) if m in motion.motors else -1 for m in model.inputs])
+    nodes = omega if len(omega) <= _MOST_LINES else np.linspace(omega[0], omega[-1], _MOST_LINES)
+    inputs = [model.inputs.index(place) for place in linear.inputs]
+    changes = np.stack([moved.change(node) for node in nodes])
+    dG = np.empty((len(omega), len(linear.outputs), len(inputs)), complex)
+    for f, w in enumerate(omega):
+        i = min(max(int(np.searchsorted(nodes, w)) - 1, 0), max(len(nodes) - 2, 0))
+        j = min(i + 1, len(nodes) - 1)
+        share = 0.0 if i == j else (w - nodes[i]) / (nodes[j] - nodes[i])
+        change = (1 - share) * changes[i] + share * changes[j]
+        dG[f] = expansion.output_change(w, change)[:, inputs]
+        if linear.tilt.any():
+            dG[f] += expansion.tilt_change(w, change, linear)[:, inputs]
+    s = 2j * np.pi * freq_hz
+    of_outputs, of_inputs = linear.channel_gains(theta)
+    return factor(linear, theta, s)[:, None, None] * of_outputs[:, None] * dG * of_inputs
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
+
+    J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
+    w.  jacobian(z): J elsewhere.  B (n, n_u).  free: the unknowns but for the motors' coordinates.
+    """
+
+    n_q: int
+    n: int
+    J: FloatArray
+    curvature: FloatArray
+    jacobian: Jacobian
+    B: FloatArray
+    free: IntArray
+
+    def z(self, omega: float) -> ComplexArray:
+        """(n_z, n): z of the unknowns x at a frequency."""
+        n, n_q = self.n, self.n_q
+        Z = np.zeros((n + 2 * n_q, n), complex)
+        Z[:n] = np.eye(n)
+        Z[n : n + n_q, :n_q] = 1j * omega * np.eye(n_q)
+        Z[n + n_q :, :n_q] = -(omega**2) * np.eye(n_q)
+        return Z
+
+    def L(self, omega: float) -> ComplexArray:
+        """The dynamic stiffness (n, n) with its constraints."""
+        return np.asarray(self.J[: self.n] @ self.z(omega))
+
+    def X(self, omega: float) -> ComplexArray:
+        """L^-1 B (n, n_u)."""
+        return np.linalg.solve(self.L(omega), self.B.astype(complex))
+
+    def output_change(self, omega: float, change: ComplexArray) -> ComplexArray:
+        """Change of the outputs' angles (n_y, n_u), by the one of the equations and outputs (n + n_y, n)."""
+        X, n = self.X(omega), self.n
+        dX = self._solved(omega, change)
+        return np.asarray((self.J[n:] @ self.z(omega) @ dX + change[n:] @ X) / (1j * omega))
+
+    def tilt_change(self, omega: float, change: ComplexArray, linear: LinearModel) -> ComplexArray:
+        """The same by gravity in accelerometers that tilt, over s^2."""
+        assert linear.Z is not None
+        in_all = linear.tilt @ np.linalg.pinv(linear.Z)
+        return np.asarray(in_all @ self._solved(omega, change)[: self.n_q] / (1j * omega) ** 2)
+
+    def _solved(self, omega: float, change: ComplexArray) -> ComplexArray:
+        return -np.linalg.solve(self.L(omega), change[: self.n] @ self.X(omega))
+
+    def held(self, omega: float) -> ComplexArray:
+        """L^-1 (n, n) with motors that stand still."""
+        inverse, free = np.zeros((self.n, self.n), complex), np.ix_(self.free, self.free)
+        inverse[free] = np.linalg.inv(self.L(omega)[free])
+        return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """An expansion and the motion about it.
+
+    omega (K,), of both signs; W (K, m, n_z): amplitudes of m independent motions at each.  mean (n + n_y, n_z):
+    E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
+    """
+
+    expansion: _Expansion
+    omega: FloatArray
+    curved: ComplexArray
+    mean: FloatArray
+    feedback: FloatArray | None
+
+    @classmethod
+    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int]) -> _Moved:
+        """places (n_u,): of the model's motors in the motion, -1 for those that were not measured."""
+        measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
+        power = motion.power[:, at][:, :, at]
+        omega = 2 * np.pi * motion.freq_hz
+        every = _amplitudes(expansion, omega, power, measured)
+        covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
+        mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance)
+        few, sums = _grouped(omega, power)
+        W = _amplitudes(expansion, few, sums, measured) / np.sqrt(2)  # of each sign of the frequency
+        both = np.concatenate([W, W.conj()])
+        feedback = None
+        if motion.feedback is not None and len(measured) == len(places):
+            feedback = motion.feedback[:, at][:, :, at]
+        curved = np.tensordot(both, expansion.curvature, axes=1)
+        return cls(expansion, np.concatenate([few, -few]), curved, mean, feedback)
+
+    def change(self, omega: float) -> ComplexArray:
+        """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
+        e = self.expansion
+        Z = e.z(omega)
+        total = self.mean @ Z
+        first = -self.curved[:, :, : e.n] @ Z  # -R''[., e_1] of the equations
+        for k, of_line in enumerate(first):
+            both = omega + self.omega[k]
+            x = self._inverse(both) @ of_line
+            total = total + np.tensordot(self.curved[k].conj() @ e.z(both), x, axes=([0, 2], [0, 1]))
+        return np.asarray(total)
+
+    def _inverse(self, omega: float) -> ComplexArray:
+        """From torques on the unknowns to e_2 (n, n)."""
+        e = self.expansion
+        if self.feedback is None or abs(omega) < 1e-6 * np.abs(self.omega).max():
+            return e.held(omega)
+        integral, proportional, derivative = self.feedback
+        F = integral / (1j * omega) + proportional + 1j * omega * derivative
+        return np.linalg.inv(e.L(omega) + e.B @ F @ e.B.T)
+
+
+def _amplitudes(
+    expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray
+) -> ComplexArray:
+    """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
+    W = []
+    for w, S in zip(omega, power, strict=True):
+        values, vectors = np.linalg.eigh(S)
+        X = expansion.X(w)
+        per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, measured]
+        W.append((expansion.z(w) @ per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0)))).T)
+    return np.array(W)
+
+
+def _grouped(omega: FloatArray, power: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+    """The same motion on few lines: neighbours together, at the frequency of the same mean square velocity."""
+    groups = np.array_split(np.arange(len(omega)), min(len(omega), _MOST_LINES))
+    sizes = np.einsum("kii->k", power).real
+    centres = [np.sqrt(np.average(omega[g] ** 2, weights=np.maximum(sizes[g], 1e-300))) for g in groups]
+    return np.array(centres), np.stack([power[g].sum(axis=0) for g in groups])
+
+
+def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
+    """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
+    values, vectors = np.linalg.eigh(covariance)
+    total = np.zeros(expansion.J.shape)
+    for value, axis in zip(values, vectors.T, strict=True):
+        if value > 1e-18 * values[-1]:
+            e = np.sqrt(value) * axis
+            total += (expansion.jacobian(e) + expansion.jacobian(-e) - 2 * expansion.J) / 2
+    return total
+
+
+def _of_shift(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
+    """R''[mean of e_2] (n + n_y, n_z); the motors' mean is where they were measured."""
+    n = expansion.n
+    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2
+    shift = -expansion.held(0.0).real @ torque
+    return np.asarray(np.tensordot(shift, expansion.curvature[:n], axes=1))
+
+
+class Jacobian:
+    """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
+
+    def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
+        self.function, self.point, self.theta, self.rows, self.kept = function, z, theta, rows, kept
+
+    def __call__(self, distance: FloatArray) -> FloatArray:
+        """J of the independent constraints there."""
+        J = self.function(self.point + self.kept @ distance, self.theta).full()
+        return np.asarray(self.rows @ J @ self.kept)
+
+
+def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
+    """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
+    point = equilibrium(model, theta[:-1], linear.configuration)
+    numbers = model.carried(theta[:-1], linear.configuration.carries)
+    n_q, n_c, n_y = model.n_q, model.n_c, len(linear.outputs)
+    # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
+    U = np.zeros((n_c, 0))
+    if n_c:
+        left, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
+        U = left[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
+    r, n = U.shape[1], n_q + U.shape[1]
+    kept = np.zeros((3 * n_q + n_c, 2 * n_q + n))
+    kept[:n_q, :n_q], kept[n_q : n_q + n_c, n_q:n], kept[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)
+    rows = np.zeros((n + n_y, n_q + n_c + n_y))
+    rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
+    z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
+    jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
+    steps = np.where(np.arange(2 * n_q + n) < n_q, _STEP, 1.0)
+    curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
+    B = np.vstack([model.B, np.zeros((r, model.n_u))])
+    free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
+    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free)
+
+
+@lru_cache(maxsize=8)
+def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
+    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and C(q) q'."""
+    q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
+    lambda_, theta = ca.SX.sym("lambda", model.n_c), ca.SX.sym("theta", len(model.parameters))
+    forces = model.mass(q, theta) @ a + model.force(q, v, theta)
+    if model.n_c:
+        forces += model.constraint_jacobian(q, theta).T @ lambda_
+    rates = model.readout(q, theta, outputs)[0] @ v
+    z = ca.vertcat(q, lambda_, v, a)
+    R = ca.vertcat(forces, model.constraint(q, theta), rates) if model.n_c else ca.vertcat(forces, rates)
+    return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
