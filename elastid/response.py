@@ -162,7 +162,7 @@ class MotorMotion:
     @property
     def rms(self) -> FloatArray:
         """RMS (n_m,) of each motor's angle, rad or m."""
-        return np.sqrt(np.einsum("kii->i", self.power).real)
+        return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
 
 
 @frozen_value

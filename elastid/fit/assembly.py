@@ -12,6 +12,7 @@ their places: M contains m c^2.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -21,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -52,6 +53,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
+# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next, where it is that
+# of the robot to parts of itself that are squares of it.
+AT_REST_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +128,18 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
+    def at_rest(self, x: FloatArray) -> Assembly:
+        """The same without what the motion of the measurements adds to their responses at x (n_x,)."""
+        if all(response.motion is None for response in self.responses):
+            return self
+        responses = []
+        for response in self.responses:
+            theta = self.parameters.expand(x, response.configuration.name)
+            effect = moved_posture(self.linearisation, response, theta)
+            responses.append(response if effect is None else replace(response, G=response.G - effect))
+        is_same = all(map(operator.is_, responses, self.responses))
+        return self if is_same else replace(self, responses=tuple(responses))
+
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
@@ -164,8 +180,8 @@ class Assembly:
 class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
-    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: as
-    measured, their systematic errors as the model has them at the end.
+    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
+    the posture at rest, their systematic errors as the model has them at the end.
     """
 
     end: LocalOptimum
@@ -186,17 +202,22 @@ def relinearise(
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 5 if is_square else 30
-    end, c = start, np.zeros(len(find_factors(assembly.responses)))
+    end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    known = assembly
     for i in range(rounds):
         try:
-            current = assembly.reweighted(end.x)
+            if i < AT_REST_ROUNDS:
+                rested = assembly.at_rest(end.x)
+            current = rested.reweighted(end.x)
             if len(c):
                 current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
                 c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).at(end.x, criterion)
             # A logarithm counts other elements at each x.
-            if first is not None and current is assembly and criterion == "complex":
+            if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)
+            elif is_square and not len(c):
+                first, known = fit, current
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
@@ -210,6 +231,29 @@ def relinearise(
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     return RelinearisedOptimum(end, fit, current.responses, current.weights, (Note("still-moving", text),), c)
+
+
+def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
+    """A note where parameters would be off by more than a standard deviation had the motion been left in."""
+    if all(map(operator.is_, assembly.responses, optimum.responses)) or optimum.fit.parts[0].criterion != "complex":
+        return ()
+    x, parameters = optimum.end.x, assembly.parameters
+    measured = replace(assembly, weights=optimum.weights).at(x, "complex").evaluate(x)
+    rested = replace(assembly, weights=optimum.weights, responses=optimum.responses).at(x, "complex").evaluate(x)
+    size = np.sqrt(np.maximum(np.diag(rested.hessian), 1e-300))
+    inverse = np.linalg.pinv(rested.hessian / np.outer(size, size), rcond=1e-12) / np.outer(size, size)
+    shift, std = inverse @ (rested.gradient - measured.gradient), np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))
+    asked = slice(len(parameters.asked))
+    worst = int(np.argmax(np.abs(shift / std)[asked]))
+    if not abs(shift[worst]) > std[worst]:
+        return ()
+    largest = max(float(G.motion.rms.max()) for G in optimum.responses if G.motion is not None)
+    text = (
+        f"the motion of up to {largest:.2g} rad rms (m of a motor that slides) moves the robot out of its postures, "
+        f"which would put {parameters.free[worst].name} off by {abs(shift[worst]) / std[worst]:.2g} standard "
+        "deviations; it is taken out of the responses, and falls with the square of excitation.torque_rms"
+    )
+    return (Note("posture-moved", text, severity="information"),)
 
 
 def robust_factors(

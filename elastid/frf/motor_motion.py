@@ -30,7 +30,7 @@ def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> Moto
     if not columns or not first.rate_is_known or not first.is_periodic:
         return None
     N = first.period_samples
-    s = 2j * np.pi * first.rate_hz / N * np.arange(1, N // 2)
+    s = (2j * np.pi * first.rate_hz / N * np.arange(1, N // 2)).astype(np.complex128)
     orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
     over = np.stack([s**-order for order in orders], axis=1)
     q = np.stack([_amplitudes(record.y[:, columns], record) * over for record in records])
@@ -60,7 +60,9 @@ def _feedback(
     drive = np.stack([_amplitudes(record.u[:, order], record) for record in records])
     known = np.ones(len(s), dtype=np.bool_)
     if all(record.r is not None for record in records):
-        drive = drive - np.stack([_amplitudes(record.r[:, order], record) for record in records if record.r is not None])
+        drive = drive - np.stack(
+            [_amplitudes(record.r[:, order], record) for record in records if record.r is not None]
+        )
     else:
         known[: excited[0]], known[excited[-1] :], known[excited] = False, False, False
     terms = np.concatenate([q / s[:, None], q, q * s[:, None]], axis=2)

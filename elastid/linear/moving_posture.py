@@ -21,7 +21,8 @@ motion; what is left out, of fourth order, is smaller by that square in rad^2.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -32,41 +33,66 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import RANK_TOLERANCE
-from elastid.response import MotorMotion
+from elastid.response import FrequencyResponse, MotorMotion
 
-# Lines of the motion, and lines of the response between which the change is interpolated, at most.
-_MOST_LINES = 64
+# Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
+_MOST_LINES, _FEW = 48, 8
+# Standard deviations that the effect may have, of all elements together, before it is worked out.
+NEGLIGIBLE = 0.1
 _STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
 
 
+def effect_of_motion(
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse
+) -> ComplexArray | None:
+    """`posture_effect` in a measured response; None where no motion is known of it, or where it cannot matter.
+
+    No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
+    """
+    motion, known = response.motion, response.uncertainty
+    if motion is None:
+        return None
+    if known is not None:
+        some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
+        rough = posture_effect(model, linear, theta, motion, response.freq_hz[some], _FEW)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
+        if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
+            return None
+    return posture_effect(model, linear, theta, motion, response.freq_hz)
+
+
 def posture_effect(
-    model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion, freq_hz: FloatArray
+    model: ElasticModel,
+    linear: LinearModel,
+    theta: FloatArray,
+    motion: MotorMotion,
+    freq_hz: FloatArray,
+    most: int = _MOST_LINES,
 ) -> ComplexArray:
     """dG (F, n_y, n_u) that a motion adds to the response of a model about its posture at rest.
 
     linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
-    measured count as standing still.  StudyError as `equilibrium`.
+    measured count as standing still.  most: lines of the motion, neighbours being put together, and lines of the
+    response between which it is interpolated.  StudyError as `equilibrium`.
     """
     if not motion.power.any():
         return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
-    expansion = _expand(model, linear, theta)
-    omega = 2 * np.pi * freq_hz
-    moved = _Moved.of(expansion, motion, [motion.motors.index(m) if m in motion.motors else -1 for m in model.inputs])
-    nodes = omega if len(omega) <= _MOST_LINES else np.linspace(omega[0], omega[-1], _MOST_LINES)
-    inputs = [model.inputs.index(place) for place in linear.inputs]
+    expansion, omega = _expand(model, linear, theta), 2 * np.pi * freq_hz
+    places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
+    moved = _Moved.of(expansion, motion, places, most)
+    nodes = omega if len(omega) <= most else np.linspace(omega[0], omega[-1], most)
     changes = np.stack([moved.change(node) for node in nodes])
-    dG = np.empty((len(omega), len(linear.outputs), len(inputs)), complex)
-    for f, w in enumerate(omega):
-        i = min(max(int(np.searchsorted(nodes, w)) - 1, 0), max(len(nodes) - 2, 0))
-        j = min(i + 1, len(nodes) - 1)
-        share = 0.0 if i == j else (w - nodes[i]) / (nodes[j] - nodes[i])
-        change = (1 - share) * changes[i] + share * changes[j]
-        dG[f] = expansion.output_change(w, change)[:, inputs]
-        if linear.tilt.any():
-            dG[f] += expansion.tilt_change(w, change, linear)[:, inputs]
-    s = 2j * np.pi * freq_hz
+    after = np.clip(np.searchsorted(nodes, omega), min(1, len(nodes) - 1), len(nodes) - 1)
+    before = np.maximum(after - 1, 0)
+    share = (omega - nodes[before]) / np.maximum(nodes[after] - nodes[before], 1e-300)
+    share = np.where(after == before, 0.0, share)[:, None, None]
+    between = (1 - share) * changes[before] + share * changes[after]
+    dG = np.stack([expansion.response_change(*each, linear) for each in zip(omega, between, strict=True)])
     of_outputs, of_inputs = linear.channel_gains(theta)
-    return factor(linear, theta, s)[:, None, None] * of_outputs[:, None] * dG * of_inputs
+    inputs = [model.inputs.index(place) for place in linear.inputs]
+    gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
+    return np.asarray(gain * of_outputs[:, None] * dG[:, :, inputs] * of_inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,40 +113,38 @@ class _Expansion:
 
     def z(self, omega: float) -> ComplexArray:
         """(n_z, n): z of the unknowns x at a frequency."""
-        n, n_q = self.n, self.n_q
-        Z = np.zeros((n + 2 * n_q, n), complex)
-        Z[:n] = np.eye(n)
-        Z[n : n + n_q, :n_q] = 1j * omega * np.eye(n_q)
-        Z[n + n_q :, :n_q] = -(omega**2) * np.eye(n_q)
-        return Z
+        rates = np.eye(self.n_q, self.n)
+        return np.asarray(np.vstack([np.eye(self.n), 1j * omega * rates, -(omega**2) * rates]), np.complex128)
 
-    def L(self, omega: float) -> ComplexArray:
-        """The dynamic stiffness (n, n) with its constraints."""
-        return np.asarray(self.J[: self.n] @ self.z(omega))
+    def L(self, omega: Any) -> ComplexArray:
+        """The dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
+        n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
+        stiffness, damping, mass = np.split(self.J[:n], [n, n + n_q], axis=1)
+        L = stiffness + 0 * s
+        L[..., :n_q] += s * damping + s**2 * mass
+        return np.asarray(L)
 
     def X(self, omega: float) -> ComplexArray:
         """L^-1 B (n, n_u)."""
         return np.linalg.solve(self.L(omega), self.B.astype(complex))
 
-    def output_change(self, omega: float, change: ComplexArray) -> ComplexArray:
-        """Change of the outputs' angles (n_y, n_u), by the one of the equations and outputs (n + n_y, n)."""
-        X, n = self.X(omega), self.n
-        dX = self._solved(omega, change)
-        return np.asarray((self.J[n:] @ self.z(omega) @ dX + change[n:] @ X) / (1j * omega))
+    def response_change(self, omega: float, change: ComplexArray, linear: LinearModel) -> ComplexArray:
+        """Change of the outputs' angles (n_y, n_u), by the one of the equations and outputs (n + n_y, n).
 
-    def tilt_change(self, omega: float, change: ComplexArray, linear: LinearModel) -> ComplexArray:
-        """The same by gravity in accelerometers that tilt, over s^2."""
-        assert linear.Z is not None
-        in_all = linear.tilt @ np.linalg.pinv(linear.Z)
-        return np.asarray(in_all @ self._solved(omega, change)[: self.n_q] / (1j * omega) ** 2)
+        With that of gravity in accelerometers which tilt, over s^2.
+        """
+        X, n, s = self.X(omega), self.n, 1j * omega
+        dX = -np.linalg.solve(self.L(omega), change[:n] @ X)
+        moved = (self.J[n:] @ self.z(omega) @ dX + change[n:] @ X) / s
+        if linear.tilt.any() and linear.Z is not None:
+            moved += linear.tilt @ np.linalg.pinv(linear.Z) @ dX[: self.n_q] / s**2
+        return np.asarray(moved)
 
-    def _solved(self, omega: float, change: ComplexArray) -> ComplexArray:
-        return -np.linalg.solve(self.L(omega), change[: self.n] @ self.X(omega))
-
-    def held(self, omega: float) -> ComplexArray:
-        """L^-1 (n, n) with motors that stand still."""
-        inverse, free = np.zeros((self.n, self.n), complex), np.ix_(self.free, self.free)
-        inverse[free] = np.linalg.inv(self.L(omega)[free])
+    def held(self, omega: Any) -> ComplexArray:
+        """L^-1 (..., n, n) with motors that stand still."""
+        L = self.L(omega)
+        inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
+        inverse[free] = np.linalg.inv(L[free])
         return inverse
 
 
@@ -128,8 +152,8 @@ class _Expansion:
 class _Moved:
     """An expansion and the motion about it.
 
-    omega (K,), of both signs; W (K, m, n_z): amplitudes of m independent motions at each.  mean (n + n_y, n_z):
-    E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
+    omega (2 K,), of both signs; curved (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
+    mean (n + n_y, n_z): E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
     """
 
     expansion: _Expansion
@@ -139,7 +163,7 @@ class _Moved:
     feedback: FloatArray | None
 
     @classmethod
-    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int]) -> _Moved:
+    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int], most: int) -> _Moved:
         """places (n_u,): of the model's motors in the motion, -1 for those that were not measured."""
         measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
         power = motion.power[:, at][:, :, at]
@@ -147,7 +171,7 @@ class _Moved:
         every = _amplitudes(expansion, omega, power, measured)
         covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
         mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance)
-        few, sums = _grouped(omega, power)
+        few, sums = _grouped(omega, power, most)
         W = _amplitudes(expansion, few, sums, measured) / np.sqrt(2)  # of each sign of the frequency
         both = np.concatenate([W, W.conj()])
         feedback = None
@@ -158,42 +182,49 @@ class _Moved:
 
     def change(self, omega: float) -> ComplexArray:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
-        e = self.expansion
-        Z = e.z(omega)
-        total = self.mean @ Z
-        first = -self.curved[:, :, : e.n] @ Z  # -R''[., e_1] of the equations
-        for k, of_line in enumerate(first):
-            both = omega + self.omega[k]
-            x = self._inverse(both) @ of_line
-            total = total + np.tensordot(self.curved[k].conj() @ e.z(both), x, axes=([0, 2], [0, 1]))
-        return np.asarray(total)
+        e, both = self.expansion, omega + self.omega
+        K, m, n_r, n_z = self.curved.shape
+        torque = -(self.curved.reshape(-1, n_z) @ e.z(omega)).reshape(K, m, n_r, e.n)[:, :, : e.n]  # R''[., e_1]
+        x = self._inverse(both)[:, None] @ torque
+        z = np.empty((K, m, n_z, e.n), np.complex128)
+        s = 1j * both[:, None, None, None]
+        z[:, :, : e.n], z[:, :, e.n : e.n + e.n_q] = x, s * x[:, :, : e.n_q]
+        z[:, :, e.n + e.n_q :] = s**2 * x[:, :, : e.n_q]
+        return np.asarray(self.mean @ e.z(omega) + self.partners @ z.reshape(-1, e.n))
 
-    def _inverse(self, omega: float) -> ComplexArray:
-        """From torques on the unknowns to e_2 (n, n)."""
-        e = self.expansion
-        if self.feedback is None or abs(omega) < 1e-6 * np.abs(self.omega).max():
+    @cached_property
+    def partners(self) -> ComplexArray:
+        """(n + n_y, 2 K m n_z): R''[., e_1] at the frequencies of opposite sign."""
+        return np.ascontiguousarray(self.curved.conj().transpose(2, 0, 1, 3).reshape(self.curved.shape[2], -1))
+
+    def _inverse(self, omega: FloatArray) -> ComplexArray:
+        """From torques on the unknowns to e_2 (2 K, n, n)."""
+        e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
+        if self.feedback is None:
             return e.held(omega)
+        s = 1j * np.where(rest, 1.0, omega)[:, None, None]
         integral, proportional, derivative = self.feedback
-        F = integral / (1j * omega) + proportional + 1j * omega * derivative
-        return np.linalg.inv(e.L(omega) + e.B @ F @ e.B.T)
+        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ (integral / s + proportional + s * derivative) @ e.B.T)
+        inverse[rest] = e.held(0.0)
+        return inverse
 
 
-def _amplitudes(
-    expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray
-) -> ComplexArray:
+def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
     """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
     W = []
     for w, S in zip(omega, power, strict=True):
         values, vectors = np.linalg.eigh(S)
         X = expansion.X(w)
         per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, measured]
-        W.append((expansion.z(w) @ per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0)))).T)
+        x = per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        v = 1j * w * x[: expansion.n_q]
+        W.append(np.concatenate([x, v, 1j * w * v]).T)
     return np.array(W)
 
 
-def _grouped(omega: FloatArray, power: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+def _grouped(omega: FloatArray, power: ComplexArray, most: int) -> tuple[FloatArray, ComplexArray]:
     """The same motion on few lines: neighbours together, at the frequency of the same mean square velocity."""
-    groups = np.array_split(np.arange(len(omega)), min(len(omega), _MOST_LINES))
+    groups = np.array_split(np.arange(len(omega)), min(len(omega), most))
     sizes = np.einsum("kii->k", power).real
     centres = [np.sqrt(np.average(omega[g] ** 2, weights=np.maximum(sizes[g], 1e-300))) for g in groups]
     return np.array(centres), np.stack([power[g].sum(axis=0) for g in groups])
