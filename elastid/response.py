@@ -150,13 +150,15 @@ class MotorMotion:
     """The motion of the motors in which a response was measured, about its configuration.
 
     power (K, n_m, n_m) of `motors` at freq_hz (K,): cross spectra of their angles, mean squares over all experiments,
-    carriers included.  feedback (3, n_m, n_m): F = F_0 / s + F_1 + F_2 s of the controller, by which torques answer
-    angles, u = r - F q; None where the records do not show it.
+    carriers included.  mean (n_m,): of their angles, NaN where positions were not logged.  feedback (3, n_m, n_m):
+    F = F_0 / s + F_1 + F_2 s of the controller, by which torques answer angles, u = r - F q; None where the records do
+    not show it.
     """
 
     motors: tuple[str, ...]
     freq_hz: FloatArray = labelled("frequency of the motion")
     power: ComplexArray = labelled("cross spectra of motor angles, link side", "rad^2", "freq_hz motors motors")
+    mean: FloatArray = labelled("mean angle of the motors, link side", "rad", "motors")
     feedback: FloatArray | None = labelled("of integral, angle and velocity", "SI", "term motors motors", default=None)
 
     @property

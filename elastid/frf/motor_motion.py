@@ -41,15 +41,22 @@ def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> Moto
     spectra = np.einsum("ekm,ekn->kmn", q[:, moving], q[:, moving].conj()) / (2 * len(records))
     motors = tuple(first.outputs[i] for i in columns)
     feedback = _feedback(records, motors, q, s, excited) if set(motors) == set(first.inputs) else None
-    return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, feedback)
+    means = np.mean([_mean_period(record.y[:, columns], record).mean(axis=0) for record in records], axis=0)
+    mean = np.where([order == 0 for order in orders], means, np.nan)
+    return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback)
 
 
 def _amplitudes(signal: FloatArray, record: Record) -> ComplexArray:
-    """Complex amplitudes (N // 2 - 1, c) of the mean period in the second half of a record, without its mean."""
+    """Complex amplitudes (N // 2 - 1, c) of the mean period, without its mean."""
+    N = record.period_samples
+    return np.asarray(rfft(_mean_period(signal, record), axis=0)[1 : N // 2] * (2 / N))
+
+
+def _mean_period(signal: FloatArray, record: Record) -> FloatArray:
+    """The mean period (N, c) in the second half of a record."""
     N, P = record.period_samples, record.n_periods
     used = [p for p in range(P // 2, P) if p not in record.left_out] or [P - 1]
-    mean = sum(np.asarray(signal[p * N : (p + 1) * N]) for p in used) / len(used)
-    return np.asarray(rfft(mean, axis=0)[1 : N // 2] * (2 / N))
+    return np.asarray(sum(np.asarray(signal[p * N : (p + 1) * N]) for p in used) / len(used))
 
 
 def _feedback(

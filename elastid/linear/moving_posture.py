@@ -12,7 +12,8 @@ statistical linearisation: the mean mass matrix, gravity that a swing makes soft
 posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
 differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
 second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
-feedback where that is known, with motors that stand still at these frequencies where it is not.
+feedback where that is known, with motors that stand still at these frequencies where it is not. The mean of the motors
+is measured: a controller without integral gives way to the mean of e_2.
 
 Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
 motion; what is left out, of fourth order, is smaller by that square in rad^2.
@@ -39,6 +40,8 @@ from elastid.response import FrequencyResponse, MotorMotion
 _MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
+# Motors whose mean is farther from the configuration, in rad or m, have other zeros than it.
+_LARGEST_SHIFT = 0.02
 _STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
 
 
@@ -80,15 +83,10 @@ def posture_effect(
         return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
     expansion, omega = _expand(model, linear, theta), 2 * np.pi * freq_hz
     places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
-    moved = _Moved.of(expansion, motion, places, most)
-    nodes = omega if len(omega) <= most else np.linspace(omega[0], omega[-1], most)
-    changes = np.stack([moved.change(node) for node in nodes])
-    after = np.clip(np.searchsorted(nodes, omega), min(1, len(nodes) - 1), len(nodes) - 1)
-    before = np.maximum(after - 1, 0)
-    share = (omega - nodes[before]) / np.maximum(nodes[after] - nodes[before], 1e-300)
-    share = np.where(after == before, 0.0, share)[:, None, None]
-    between = (1 - share) * changes[before] + share * changes[after]
-    dG = np.stack([expansion.response_change(*each, linear) for each in zip(omega, between, strict=True)])
+    moved = _Moved.of(expansion, motion, linear.configuration.angles, places, most)
+    nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
+    changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+    dG = np.stack([expansion.response_change(*each, linear) for each in zip(omega, changes, strict=True)])
     of_outputs, of_inputs = linear.channel_gains(theta)
     inputs = [model.inputs.index(place) for place in linear.inputs]
     gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
@@ -126,7 +124,7 @@ class _Expansion:
 
     def X(self, omega: float) -> ComplexArray:
         """L^-1 B (n, n_u)."""
-        return np.linalg.solve(self.L(omega), self.B.astype(complex))
+        return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
     def response_change(self, omega: float, change: ComplexArray, linear: LinearModel) -> ComplexArray:
         """Change of the outputs' angles (n_y, n_u), by the one of the equations and outputs (n + n_y, n).
@@ -134,8 +132,8 @@ class _Expansion:
         With that of gravity in accelerometers which tilt, over s^2.
         """
         X, n, s = self.X(omega), self.n, 1j * omega
-        dX = -np.linalg.solve(self.L(omega), change[:n] @ X)
-        moved = (self.J[n:] @ self.z(omega) @ dX + change[n:] @ X) / s
+        dX = -np.linalg.solve(self.L(omega) + change[:n], change[:n] @ X)
+        moved = (self.J[n:] @ self.z(omega) @ dX + change[n:] @ (X + dX)) / s
         if linear.tilt.any() and linear.Z is not None:
             moved += linear.tilt @ np.linalg.pinv(linear.Z) @ dX[: self.n_q] / s**2
         return np.asarray(moved)
@@ -163,14 +161,17 @@ class _Moved:
     feedback: FloatArray | None
 
     @classmethod
-    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int], most: int) -> _Moved:
-        """places (n_u,): of the model's motors in the motion, -1 for those that were not measured."""
+    def of(cls, expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int], most: int) -> _Moved:
+        """angles (n_u,): of the configuration.  places (n_u,): of the model's motors in the motion, -1 for unknown."""
         measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
         power = motion.power[:, at][:, :, at]
         omega = 2 * np.pi * motion.freq_hz
         every = _amplitudes(expansion, omega, power, measured)
         covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
-        mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance)
+        shift = np.zeros(len(places))
+        shift[measured] = motion.mean[at] - angles[measured]
+        shift = np.where(np.abs(shift) < _LARGEST_SHIFT, shift, 0.0)  # NaN and other zeros of the angles, too
+        mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
         few, sums = _grouped(omega, power, most)
         W = _amplitudes(expansion, few, sums, measured) / np.sqrt(2)  # of each sign of the frequency
         both = np.concatenate([W, W.conj()])
@@ -204,9 +205,19 @@ class _Moved:
             return e.held(omega)
         s = 1j * np.where(rest, 1.0, omega)[:, None, None]
         integral, proportional, derivative = self.feedback
-        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ (integral / s + proportional + s * derivative) @ e.B.T)
+        F = integral / s + proportional + s * derivative
+        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T)
         inverse[rest] = e.held(0.0)
-        return inverse
+        return np.asarray(inverse)
+
+
+def _between(omega: FloatArray, nodes: FloatArray, values: ComplexArray) -> ComplexArray:
+    """Values (.., n, n) at nodes between which omega (F,) are."""
+    after = np.clip(np.searchsorted(nodes, omega), min(1, len(nodes) - 1), len(nodes) - 1)
+    before = np.maximum(after - 1, 0)
+    share = (omega - nodes[before]) / np.maximum(nodes[after] - nodes[before], 1e-300)
+    share = np.where(after == before, 0.0, share)[:, None, None]
+    return np.asarray((1 - share) * values[before] + share * values[after])
 
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
@@ -241,12 +252,12 @@ def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
     return total
 
 
-def _of_shift(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
-    """R''[mean of e_2] (n + n_y, n_z); the motors' mean is where they were measured."""
-    n = expansion.n
-    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2
-    shift = -expansion.held(0.0).real @ torque
-    return np.asarray(np.tensordot(shift, expansion.curvature[:n], axes=1))
+def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
+    """R''[mean of e_2] (n + n_y, n_z); shift (n_u,): of the motors."""
+    n, moved = expansion.n, expansion.B @ shift
+    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
+    mean = moved - expansion.held(0.0).real @ torque
+    return np.asarray(np.tensordot(mean, expansion.curvature[:n], axes=1))
 
 
 class Jacobian:
