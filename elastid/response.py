@@ -166,6 +166,16 @@ class MotorMotion:
         """RMS (n_m,) of each motor's angle, rad or m."""
         return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
 
+    def grouped(self, most: int) -> MotorMotion:
+        """The same on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
+        if len(self.freq_hz) <= most:
+            return self
+        groups = np.array_split(np.arange(len(self.freq_hz)), most)
+        sizes = np.maximum(np.einsum("kii->k", self.power).real, 1e-300)
+        centres = [np.sqrt(np.average(self.freq_hz[g] ** 2, weights=sizes[g])) for g in groups]
+        power = np.stack([self.power[g].sum(axis=0) for g in groups])
+        return replace(self, freq_hz=np.array(centres), power=power)
+
 
 @frozen_value
 class FrequencyResponse:

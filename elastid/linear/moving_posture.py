@@ -172,14 +172,15 @@ class _Moved:
         shift[measured] = motion.mean[at] - angles[measured]
         shift = np.where(np.abs(shift) < _LARGEST_SHIFT, shift, 0.0)  # NaN and other zeros of the angles, too
         mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
-        few, sums = _grouped(omega, power, most)
-        W = _amplitudes(expansion, few, sums, measured) / np.sqrt(2)  # of each sign of the frequency
+        few = motion.grouped(most)
+        sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
+        W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
         both = np.concatenate([W, W.conj()])
         feedback = None
         if motion.feedback is not None and len(measured) == len(places):
             feedback = motion.feedback[:, at][:, :, at]
         curved = np.tensordot(both, expansion.curvature, axes=1)
-        return cls(expansion, np.concatenate([few, -few]), curved, mean, feedback)
+        return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
@@ -231,14 +232,6 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
         v = 1j * w * x[: expansion.n_q]
         W.append(np.concatenate([x, v, 1j * w * v]).T)
     return np.array(W)
-
-
-def _grouped(omega: FloatArray, power: ComplexArray, most: int) -> tuple[FloatArray, ComplexArray]:
-    """The same motion on few lines: neighbours together, at the frequency of the same mean square velocity."""
-    groups = np.array_split(np.arange(len(omega)), min(len(omega), most))
-    sizes = np.einsum("kii->k", power).real
-    centres = [np.sqrt(np.average(omega[g] ** 2, weights=np.maximum(sizes[g], 1e-300))) for g in groups]
-    return np.array(centres), np.stack([power[g].sum(axis=0) for g in groups])
 
 
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
