@@ -184,20 +184,39 @@ class _Moved:
 
     def change(self, omega: float) -> ComplexArray:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
-        e, both = self.expansion, omega + self.omega
-        K, m, n_r, n_z = self.curved.shape
-        torque = -(self.curved.reshape(-1, n_z) @ e.z(omega)).reshape(K, m, n_r, e.n)[:, :, : e.n]  # R''[., e_1]
-        x = self._inverse(both)[:, None] @ torque
-        z = np.empty((K, m, n_z, e.n), np.complex128)
-        s = 1j * both[:, None, None, None]
+        e, both, (rows, places, unknowns) = self.expansion, omega + self.omega, self._curved_parts
+        K, m = self.curved.shape[:2]
+        Z, equations = e.z(omega)[np.ix_(places, unknowns)], rows[rows < e.n]
+        torque = -(self._met @ Z).reshape(K, m, len(rows), len(unknowns))[:, :, : len(equations)]  # R''[., e_1]
+        x = self._inverse(both)[:, None, :, equations] @ torque
+        z, s = np.empty((K, m, e.n + 2 * e.n_q, len(unknowns)), np.complex128), 1j * both[:, None, None, None]
         z[:, :, : e.n], z[:, :, e.n : e.n + e.n_q] = x, s * x[:, :, : e.n_q]
         z[:, :, e.n + e.n_q :] = s**2 * x[:, :, : e.n_q]
-        return np.asarray(self.mean @ e.z(omega) + self.partners @ z.reshape(-1, e.n))
+        total = (self.mean @ e.z(omega)).astype(np.complex128)
+        total[np.ix_(rows, unknowns)] += self._partners @ z[:, :, places].reshape(K * m * len(places), len(unknowns))
+        return np.asarray(total)
 
     @cached_property
-    def partners(self) -> ComplexArray:
-        """(n + n_y, 2 K m n_z): R''[., e_1] at the frequencies of opposite sign."""
-        return np.ascontiguousarray(self.curved.conj().transpose(2, 0, 1, 3).reshape(self.curved.shape[2], -1))
+    def _curved_parts(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Rows and places of z with any curvature, and the unknowns of these; motors mostly have none."""
+        e, curvature = self.expansion, self.expansion.curvature != 0
+        places = np.flatnonzero(curvature.any(axis=(1, 2)))
+        unknowns = np.flatnonzero(e.z(1.0)[places].any(axis=0))
+        return np.flatnonzero(curvature.any(axis=(0, 2))), places, unknowns
+
+    @cached_property
+    def _met(self) -> ComplexArray:
+        """(2 K m n_rows, n_places): R''[., e_1] as far as it is not zero."""
+        rows, places, _ = self._curved_parts
+        met = self.curved[:, :, rows][..., places]
+        return met.reshape(int(np.prod(met.shape[:3])), len(places))
+
+    @cached_property
+    def _partners(self) -> ComplexArray:
+        """(n_rows, 2 K m n_places): the same at the frequencies of opposite sign."""
+        rows, places, _ = self._curved_parts
+        met = self._met.conj().reshape(*self.curved.shape[:2], len(rows), len(places))
+        return np.ascontiguousarray(met.transpose(2, 0, 1, 3)).reshape(len(rows), met[:, :, :1].size)
 
     def _inverse(self, omega: FloatArray) -> ComplexArray:
         """From torques on the unknowns to e_2 (2 K, n, n)."""
