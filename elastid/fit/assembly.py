@@ -32,6 +32,7 @@ from elastid.fit.problem.least_squares import (
     ResidualKind,
     distance,
     is_far_from_noise,
+    moved_in_std,
 )
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.weights import Weights, weigh
@@ -235,23 +236,27 @@ def relinearise(
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
     """A note where parameters would be off by more than a standard deviation had the motion been left in."""
-    if all(map(operator.is_, assembly.responses, optimum.responses)) or optimum.fit.parts[0].criterion != "complex":
+    if all(map(operator.is_, assembly.responses, optimum.responses)) or assembly.spec.criterion != "complex":
         return ()
-    x, parameters = optimum.end.x, assembly.parameters
-    measured = replace(assembly, weights=optimum.weights).at(x, "complex").evaluate(x)
-    rested = replace(assembly, weights=optimum.weights, responses=optimum.responses).at(x, "complex").evaluate(x)
-    size = np.sqrt(np.maximum(np.diag(rested.hessian), 1e-300))
-    inverse = np.linalg.pinv(rested.hessian / np.outer(size, size), rcond=1e-12) / np.outer(size, size)
-    shift, std = inverse @ (rested.gradient - measured.gradient), np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))
-    asked = slice(len(parameters.asked))
-    worst = int(np.argmax(np.abs(shift / std)[asked]))
-    if not abs(shift[worst]) > std[worst]:
+    weighed = replace(assembly, weights=optimum.weights)
+    both = (weighed, replace(weighed, responses=optimum.responses))
+    shift = moved_in_std(*(each.at(optimum.end.x, "complex").evaluate(optimum.end.x) for each in both))
+    return posture_notes(assembly.parameters, optimum.responses, shift)
+
+
+def posture_notes(
+    parameters: ParameterSet, responses: Sequence[FrequencyResponse], shift: FloatArray
+) -> tuple[Note, ...]:
+    """A note on the parameter that was asked for and is off by most standard deviations, shift (n_x,), if above one."""
+    shift = np.abs(shift[: len(parameters.asked)])
+    worst = int(np.argmax(shift))
+    if not shift[worst] > 1:
         return ()
-    largest = max(float(G.motion.rms.max()) for G in optimum.responses if G.motion is not None)
+    largest = max(float(G.motion.rms.max()) for G in responses if G.motion is not None)
     text = (
         f"the motion of up to {largest:.2g} rad rms (m of a motor that slides) moves the robot out of its postures, "
-        f"which would put {parameters.free[worst].name} off by {abs(shift[worst]) / std[worst]:.2g} standard "
-        "deviations; it is taken out of the responses, and falls with the square of excitation.torque_rms"
+        f"which would put {parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; the fit takes "
+        "it out of the responses to second order, and it falls with the square of excitation.torque_rms"
     )
     return (Note("posture-moved", text, severity="information"),)
 
