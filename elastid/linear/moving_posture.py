@@ -13,7 +13,7 @@ posture times the acceleration that goes with it. The others are of the same siz
 differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
 second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
 feedback where that is known, with motors that stand still at these frequencies where it is not. The mean of the motors
-is measured: a controller without integral gives way to the mean of e_2.
+is measured: a controller without integral gives way to that of e_2.
 
 Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
 motion; what is left out, of fourth order, is smaller by that square in rad^2.
@@ -40,8 +40,9 @@ from elastid.response import FrequencyResponse, MotorMotion
 _MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
-# Motors whose mean is farther from the configuration, in rad or m, have other zeros than it.
-_LARGEST_SHIFT = 0.02
+# A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
+# the encoder, or a posture that was given in round numbers.
+_LARGEST_SHIFT = 30.0
 _STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
 
 
@@ -170,7 +171,7 @@ class _Moved:
         covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
         shift = np.zeros(len(places))
         shift[measured] = motion.mean[at] - angles[measured]
-        shift = np.where(np.abs(shift) < _LARGEST_SHIFT, shift, 0.0)  # NaN and other zeros of the angles, too
+        shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
         mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
