@@ -51,6 +51,7 @@ def effect_of_motion(
 ) -> ComplexArray | None:
     """`posture_effect` in a measured response; None where no motion is known of it, or where it cannot matter.
 
+    None, too, for a motion to where the equations have no number (a gas spring beyond its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
     """
     motion, known = response.motion, response.uncertainty
@@ -63,7 +64,8 @@ def effect_of_motion(
             shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
         if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
             return None
-    return posture_effect(model, linear, theta, motion, response.freq_hz)
+    effect = posture_effect(model, linear, theta, motion, response.freq_hz)
+    return effect if np.isfinite(effect).all() else None
 
 
 def posture_effect(
@@ -143,7 +145,10 @@ class _Expansion:
         """L^-1 (..., n, n) with motors that stand still."""
         L = self.L(omega)
         inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
-        inverse[free] = np.linalg.inv(L[free])
+        try:
+            inverse[free] = np.linalg.inv(L[free])
+        except np.linalg.LinAlgError:  # at rest, of a joint that nothing holds
+            inverse[free] = np.linalg.pinv(L[free])
         return inverse
 
 

@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion, posture_effect
@@ -17,7 +22,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, MotorMotion
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.study import load_robot
+from elastid.study import load, load_robot
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 FREQ = np.linspace(0.7, 12.3, 21)
@@ -140,3 +145,34 @@ def test_an_effect_far_below_the_noise_is_not_worked_out() -> None:
     still = replace(response, motion=swinging(1e-5, True), noise=Covariance((0.01 * np.abs(response.G)) ** 2, np.inf))
     assert effect_of_motion(model, linear, linear.theta_ref, still) is None
     assert effect_of_motion(model, linear, linear.theta_ref, replace(still, motion=swinging(0.02, True))) is not None
+
+
+@pytest.mark.slow
+def test_records_of_a_moving_linkage_show_the_effect_to_their_scatter() -> None:
+    """Integrated in time under its controller, without noise: responses are off by the effect, and by scatter alone."""
+    study = load(ROBOTS.parent / "linkage_arm.yml").study
+    assert study.excitation is not None
+    excitation = replace(study.excitation, band_hz=(2.0, 60.0), torque_rms=(900.0, 900.0))
+    simulated = replace(study.experiment.as_simulated(), truth={}, noise=NoiseSpec(), outputs=("motor 2", "motor 3"))
+    posture, robot = {"c2": (0.5, -0.1)}, study.as_robot()
+    smooth = (
+        tuple(replace(j, motor=j.motor and replace(j.motor, coulomb=0.0)) for j in b.joints) for b in robot.bodies
+    )
+    bodies = tuple(replace(body, joints=joints) for body, joints in zip(robot.bodies, smooth, strict=True))
+    robot = replace(robot, bodies=bodies)
+    experiment = replace(study.experiment, configurations=posture, realisations=6, simulated=simulated)
+    plan = make_plan(excitation, experiment, robot, 1)
+    rig = SimulatedRig(robot, experiment, plan, 1)
+    spec = EstimatorSpec(friction="none", quantity="position")
+    response = estimate([rig.measure(each) for each in rig.experiments], spec, plan.lines)
+    model, linear = linear_of(robot, posture["c2"])
+    linear = replace(linear, hold=response.hold)
+    rest = to_response(linear, linear.theta_ref, response.freq_hz).G
+    effect = effect_of_motion(model, linear, linear.theta_ref, response)
+    assert effect is not None
+    assert response.total is not None
+    left_in, taken = (
+        np.median(np.abs(response.G - rest - each) ** 2 / response.total.variance, axis=0) for each in (0.0, effect)
+    )
+    assert left_in.min() > 2.0
+    assert taken.max() < 1.3  # ln 2 for a known variance
