@@ -54,9 +54,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
-# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next, where it is that
-# of the robot to parts of itself that are squares of it.
-AT_REST_ROUNDS = 2
+# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next where that is by
+# more than so many standard deviations beside the first.
+AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,10 +204,10 @@ def relinearise(
     is_square = assembly.spec.weights.loss == "square"
     rounds = 5 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
-    known = assembly
+    known, moved = assembly, math.inf
     for i in range(rounds):
         try:
-            if i < AT_REST_ROUNDS:
+            if i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
                 rested = assembly.at_rest(end.x)
             current = rested.reweighted(end.x)
             if len(c):

@@ -6,7 +6,7 @@ An outside rig: the planar linkage of configs/robots/linkage_arm.yml without dry
 with its own equations and its own Runge-Kutta steps, the rod a tendon with a spring, under a sampled PD controller with
 the torque held. Two motor angles and two gyroscopes are logged with noise, at 0.4, 1 and 1.6 times 0.007 and 0.014 rad
 rms. The same records are fitted with what is known of their motion and without. Biases are means over data sets, in
-standard deviations that the fit states; all stiffnesses are to be within 2 of the standard deviation of that mean.
+standard deviations that the fit states; and those of all stiffnesses are to be within 2.
 The last line is one JSON object with the table.
 """
 

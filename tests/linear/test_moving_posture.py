@@ -147,6 +147,19 @@ def test_an_effect_far_below_the_noise_is_not_worked_out() -> None:
     assert effect_of_motion(model, linear, linear.theta_ref, replace(still, motion=swinging(0.02, True))) is not None
 
 
+def test_many_lines_are_put_together_and_interpolated() -> None:
+    """Within 3 % of the largest change of all lines by all lines."""
+    model, linear = linear_of(load_robot(ROBOTS / "linkage_arm.yml"), (0.5, -0.1))
+    few, lines = swinging(0.01, True), np.linspace(0.5, 30, 60)
+    power = np.tile(few.power[0] * 4 / 60, (60, 1, 1)) * (0.5 / lines[:, None, None])
+    freq_hz = np.linspace(1, 40, 79)
+    every, thinned = (
+        posture_effect(model, linear, linear.theta_ref, replace(few, freq_hz=lines, power=power), freq_hz, most)
+        for most in (100, 48)
+    )
+    np.testing.assert_allclose(thinned, every, atol=0.03 * np.abs(every).max())
+
+
 @pytest.mark.slow
 def test_records_of_a_moving_linkage_show_the_effect_to_their_scatter() -> None:
     """Integrated in time under its controller, without noise: responses are off by the effect, and by scatter alone."""
