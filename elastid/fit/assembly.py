@@ -254,9 +254,9 @@ def posture_notes(
         return ()
     largest = max(float(G.motion.rms.max()) for G in responses if G.motion is not None)
     text = (
-        f"the motion of up to {largest:.2g} rad rms (m of a motor that slides) moves the robot out of its postures, "
-        f"which would put {parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; the fit takes "
-        "it out of the responses to second order, and it falls with the square of excitation.torque_rms"
+        f"the motion of up to {largest:.2g} {'rad or m' if responses[0].sliding else 'rad'} rms moves the robot out of "
+        f"its postures, which would put {parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; "
+        "the fit takes that out of the responses to second order, and it falls with the square of the torque"
     )
     return (Note("posture-moved", text, severity="information"),)
 
