@@ -1,6 +1,6 @@
 r"""What the motion of a measurement does to its frequency response: it moves the robot out of the posture.
 
-With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs w = C(q) q' among them, a nearly
+With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs among them, a nearly
 Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
 
 .. math:: L\, \delta X = - \big( \mathrm{E}[R'(z_0 + e_1)] - R' \big) X
@@ -89,7 +89,7 @@ def posture_effect(
     moved = _Moved.of(expansion, motion, linear.configuration.angles, places, most)
     nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
     changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
-    dG = np.stack([expansion.response_change(*each, linear) for each in zip(omega, changes, strict=True)])
+    dG = np.stack([expansion.response_change(*each) for each in zip(omega, changes, strict=True)])
     of_outputs, of_inputs = linear.channel_gains(theta)
     inputs = [model.inputs.index(place) for place in linear.inputs]
     gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
@@ -101,7 +101,8 @@ class _Expansion:
     """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
 
     J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
-    w.  jacobian(z): J elsewhere.  B (n, n_u).  free: the unknowns but for the motors' coordinates.
+    w.  jacobian(z): J elsewhere.  B (n, n_u).  free: the unknowns but for the motors' coordinates.  orders (n_y,): 1
+    of outputs that are rates, 2 of accelerations.
     """
 
     n_q: int
@@ -111,6 +112,7 @@ class _Expansion:
     jacobian: Jacobian
     B: FloatArray
     free: IntArray
+    orders: IntArray
 
     def z(self, omega: float) -> ComplexArray:
         """(n_z, n): z of the unknowns x at a frequency."""
@@ -129,17 +131,12 @@ class _Expansion:
         """L^-1 B (n, n_u)."""
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
-    def response_change(self, omega: float, change: ComplexArray, linear: LinearModel) -> ComplexArray:
-        """Change of the outputs' angles (n_y, n_u), by the one of the equations and outputs (n + n_y, n).
-
-        With that of gravity in accelerometers which tilt, over s^2.
-        """
+    def response_change(self, omega: float, change: ComplexArray) -> ComplexArray:
+        """Change of the outputs (n_y, n_u), as of positions, by the one of the equations and outputs (n + n_y, n)."""
         X, n, s = self.X(omega), self.n, 1j * omega
         dX = -np.linalg.solve(self.L(omega) + change[:n], change[:n] @ X)
-        moved = (self.J[n:] @ self.z(omega) @ dX + change[n:] @ (X + dX)) / s
-        if linear.tilt.any() and linear.Z is not None:
-            moved += linear.tilt @ np.linalg.pinv(linear.Z) @ dX[: self.n_q] / s**2
-        return np.asarray(moved)
+        moved = self.J[n:] @ self.z(omega) @ dX + change[n:] @ (X + dX)
+        return np.asarray(moved / s ** self.orders[:, None])
 
     def held(self, omega: Any) -> ComplexArray:
         """L^-1 (..., n, n) with motors that stand still."""
@@ -311,18 +308,40 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
-    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free)
+    orders = np.array([2 if _point(place) else 1 for place in linear.outputs])
+    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free, orders)
 
 
 @lru_cache(maxsize=8)
 def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
-    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and C(q) q'."""
+    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
     q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
     lambda_, theta = ca.SX.sym("lambda", model.n_c), ca.SX.sym("theta", len(model.parameters))
     forces = model.mass(q, theta) @ a + model.force(q, v, theta)
     if model.n_c:
         forces += model.constraint_jacobian(q, theta).T @ lambda_
     rates = model.readout(q, theta, outputs)[0] @ v
+    read = [
+        _acceleration(model, place, q, v, a, theta) if _point(place) else rates[i] for i, place in enumerate(outputs)
+    ]
     z = ca.vertcat(q, lambda_, v, a)
-    R = ca.vertcat(forces, model.constraint(q, theta), rates) if model.n_c else ca.vertcat(forces, rates)
+    R = ca.vertcat(forces, *([model.constraint(q, theta)] if model.n_c else []), *read)
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
+
+
+def _point(place: str) -> bool:
+    """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
+    kind, _, rest = place.partition(" ")
+    return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+
+
+def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
+    """Of a point along its turning axis, v' + omega x v in the axes of the frame; of an accelerometer less gravity."""
+    kind, _, rest = place.partition(" ")
+    name, _, axis = rest.rpartition(" ")
+    f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
+    J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
+    velocity, turning = J[:3, :] @ v, J[3:, :] @ v
+    along = J[:3, :] @ a + ca.jtimes(velocity, q, v) + ca.cross(turning, velocity)
+    gravity = model.frame_gravity(q, theta)[3 * f + i] if kind == "accelerometer" else 0
+    return along[i] - gravity

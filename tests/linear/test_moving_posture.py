@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm_modes import ARM
 
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import NoiseSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
@@ -22,7 +25,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, MotorMotion
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.study import load, load_robot
+from elastid.study import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 FREQ = np.linspace(0.7, 12.3, 21)
@@ -160,32 +163,50 @@ def test_many_lines_are_put_together_and_interpolated() -> None:
     np.testing.assert_allclose(thinned, every, atol=0.03 * np.abs(every).max())
 
 
+def beyond_scatter(
+    robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec
+) -> tuple[np.ndarray, np.ndarray]:
+    """Median of |error|^2 over variance (n_y, n_u) of records without noise, with the effect left in, and taken out."""
+    plan = make_plan(excitation, experiment, robot, 1)
+    rig = SimulatedRig(robot, experiment, plan, 1)
+    spec = EstimatorSpec(friction="none")
+    response = estimate([rig.measure(each) for each in rig.experiments], spec, plan.lines)
+    linearisation = Linearisation.of_robot(robot)
+    linear = linearisation.at(response.configuration, linearisation.model.theta, response.outputs, "acceleration")
+    linear = replace(linear, hold=response.hold)
+    rest = to_response(linear, linear.theta_ref, response.freq_hz).G
+    effect = effect_of_motion(linearisation.model, linear, linear.theta_ref, response)
+    assert effect is not None
+    assert response.total is not None
+    variance = response.total.variance
+    left_in, taken = (np.median(np.abs(response.G - rest - each) ** 2 / variance, axis=0) for each in (0.0, effect))
+    return left_in, taken
+
+
 @pytest.mark.slow
 def test_records_of_a_moving_linkage_show_the_effect_to_their_scatter() -> None:
-    """Integrated in time under its controller, without noise: responses are off by the effect, and by scatter alone."""
-    study = load(ROBOTS.parent / "linkage_arm.yml").study
-    assert study.excitation is not None
-    excitation = replace(study.excitation, band_hz=(2.0, 60.0), torque_rms=(900.0, 900.0))
-    simulated = replace(study.experiment.as_simulated(), truth={}, noise=NoiseSpec(), outputs=("motor 2", "motor 3"))
-    posture, robot = {"c2": (0.5, -0.1)}, study.as_robot()
+    """Integrated in time under its controller: responses are off by the effect, and by scatter alone."""
+    robot = load_robot(ROBOTS / "linkage_arm.yml")
     smooth = (
         tuple(replace(j, motor=j.motor and replace(j.motor, coulomb=0.0)) for j in b.joints) for b in robot.bodies
     )
     bodies = tuple(replace(body, joints=joints) for body, joints in zip(robot.bodies, smooth, strict=True))
-    robot = replace(robot, bodies=bodies)
-    experiment = replace(study.experiment, configurations=posture, realisations=6, simulated=simulated)
-    plan = make_plan(excitation, experiment, robot, 1)
-    rig = SimulatedRig(robot, experiment, plan, 1)
-    spec = EstimatorSpec(friction="none", quantity="position")
-    response = estimate([rig.measure(each) for each in rig.experiments], spec, plan.lines)
-    model, linear = linear_of(robot, posture["c2"])
-    linear = replace(linear, hold=response.hold)
-    rest = to_response(linear, linear.theta_ref, response.freq_hz).G
-    effect = effect_of_motion(model, linear, linear.theta_ref, response)
-    assert effect is not None
-    assert response.total is not None
-    left_in, taken = (
-        np.median(np.abs(response.G - rest - each) ** 2 / response.total.variance, axis=0) for each in (0.0, effect)
-    )
+    simulated = SimulatedSpec(substeps=3, compiled=True)
+    experiment = ExperimentSpec(configurations={"c2": (0.5, -0.1)}, realisations=6, simulated=simulated)
+    excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(2, 60), grid="odd-quasi-log", torque_rms=(900, 900))
+    left_in, taken = beyond_scatter(replace(robot, bodies=bodies), experiment, excitation)
     assert left_in.min() > 2.0
     assert taken.max() < 1.3  # ln 2 for a known variance
+
+
+@pytest.mark.slow
+def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn() -> None:
+    """Three axes and a link that bends and twists; a point's acceleration along an axis, and an accelerometer's."""
+    outputs = (*ARM.motor_locations, "frame tool z", "accelerometer tool x")
+    simulated = SimulatedSpec(outputs=outputs, compiled=True)
+    experiment = ExperimentSpec(configurations={"c": (0.4, 0.3, -0.2)}, realisations=8, simulated=simulated)
+    excitation = MultisineSpec(rate_hz=1000, period=1, band_hz=(3, 60), grid="odd", torque_rms=(900, 900, 500))
+    left_in, taken = beyond_scatter(ARM, experiment, excitation)
+    assert left_in[0, 0] > 30.0
+    assert left_in[3:].max() > 4.0
+    assert taken.max() < 2.0
