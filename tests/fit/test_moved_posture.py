@@ -23,7 +23,7 @@ LINKAGE = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "linkage
 TRUTH = LINKAGE.parameters()
 POSTURES = ((0.0, 0.0), (0.5, -0.1), (0.2, 0.9))
 WANTED = FitSpec(starts=1, profile=(), parameters={name: ParameterSpec() for name in ("k_*", "d_2", "d_3")})
-FREQ = np.linspace(2.5, 60, 40)
+FREQ = np.linspace(2.5, 60, 24)
 
 
 @cache
