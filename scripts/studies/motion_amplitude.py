@@ -8,6 +8,9 @@ the torque held. Two motor angles and two gyroscopes are logged with noise, at 0
 rms. The same records are fitted with what is known of their motion and without. Biases are means over data sets, in
 standard deviations that the fit states; and those of all stiffnesses are to be within 2.
 The last line is one JSON object with the table.
+
+Three sets each, at 0.0056, 0.014 and 0.022 rad rms: k_rod -1.0, -4.7 and -4.8 standard deviations with the effect left in,
+-0.1, -0.3 and -0.3 with it taken out; every other stiffness within 1.5 and within 0.6.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -175,7 +178,7 @@ def main() -> None:
     """The table and its JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="the largest motion only, one data set")
-    parser.add_argument("--sets", type=int, default=4, help="data sets of each amplitude")
+    parser.add_argument("--sets", type=int, default=3, help="data sets of each amplitude")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     if importlib.util.find_spec("mujoco") is None:
