@@ -9,8 +9,8 @@ rms. The same records are fitted with what is known of their motion and without.
 standard deviations that the fit states; and those of all stiffnesses are to be within 2.
 The last line is one JSON object with the table.
 
-Three sets each, at 0.0056, 0.014 and 0.022 rad rms: k_rod -1.0, -4.7 and -4.8 standard deviations with the effect left in,
--0.1, -0.3 and -0.3 with it taken out; every other stiffness within 1.5 and within 0.6.
+Three sets each, at 0.0056, 0.014 and 0.022 rad rms: k_rod -1.0, -4.7 and -4.8 standard deviations with the effect left
+in, -0.1, -0.3 and -0.3 with it taken out; every other stiffness within 1.5 and within 0.6.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
