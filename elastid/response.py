@@ -146,6 +146,38 @@ class Quality:
 
 
 @frozen_value
+class MotorMotion:
+    """The motion of the motors in which a response was measured, about its configuration.
+
+    power (K, n_m, n_m) of `motors` at freq_hz (K,): cross spectra of their angles, mean squares over all experiments,
+    carriers included.  mean (n_m,): of their angles, NaN where positions were not logged.  feedback (3, n_m, n_m):
+    F = F_0 / s + F_1 + F_2 s of the controller, by which torques answer angles, u = r - F q; None where the records do
+    not show it.
+    """
+
+    motors: tuple[str, ...]
+    freq_hz: FloatArray = labelled("frequency of the motion")
+    power: ComplexArray = labelled("cross spectra of motor angles, link side", "rad^2", "freq_hz motors motors")
+    mean: FloatArray = labelled("mean angle of the motors, link side", "rad", "motors")
+    feedback: FloatArray | None = labelled("of integral, angle and velocity", "SI", "term motors motors", default=None)
+
+    @property
+    def rms(self) -> FloatArray:
+        """RMS (n_m,) of each motor's angle, rad or m."""
+        return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
+
+    def grouped(self, most: int) -> MotorMotion:
+        """The same on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
+        if len(self.freq_hz) <= most:
+            return self
+        groups = np.array_split(np.arange(len(self.freq_hz)), most)
+        sizes = np.maximum(np.einsum("kii->k", self.power).real, 1e-300)
+        centres = [np.sqrt(np.average(self.freq_hz[g] ** 2, weights=sizes[g])) for g in groups]
+        power = np.stack([self.power[g].sum(axis=0) for g in groups])
+        return replace(self, freq_hz=np.array(centres), power=power)
+
+
+@frozen_value
 class FrequencyResponse:
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
@@ -159,6 +191,7 @@ class FrequencyResponse:
     configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
     errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
     leakage (F, n_y, n_u): error of G by the windows of segments to first order, of which `total` holds the square.
+    motion: of the motors while it was measured, or None.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -186,6 +219,7 @@ class FrequencyResponse:
     leakage: ComplexArray | None = labelled(
         "error by leakage of windows, to first order", "{unit}", "freq_hz outputs inputs", default=None
     )
+    motion: MotorMotion | None = None
 
     def __post_init__(self) -> None:
         """Check names and arrays."""

@@ -5,11 +5,12 @@ r"""The design of an experiment: configurations chosen if the study asks for it,
 
 Delta_0: the deflection under gravity, k_t = tau'(Delta_0): the stiffness in the model, sigma: rms deflection by the
 multisine, k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and
-Schoukens 2012, ch. 3). The fit finds k_eq instead of k_t.
+Schoukens 2012, ch. 3). Responses contain k_eq instead of k_t, to second order of which the fit knows.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,15 +26,18 @@ from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.prospect import Prospect
+from elastid.design.prospect import ExpectedResponse, Prospect, expected_fit
 from elastid.design.spec import DesignSpec, robot_time_refusal, room
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.fit.assembly import posture_notes
+from elastid.fit.problem.least_squares import moved_in_std
 from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import equilibrium, preloads
+from elastid.linear.moving_posture import effect_of_motion
 from elastid.model.drivetrain import deflections
 from elastid.model.drivetrain import tangents as tangent_stiffness
 from elastid.model.elastic import ElasticModel
@@ -71,12 +75,29 @@ def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configurati
             continue
         text = (
             f"the multisine deflects its spring by {sigma:.2g} {units[joint]} rms in {points[q].name}, which makes it "
-            f"{abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the model, and "
-            "biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
+            f"{abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the model; the fit "
+            "takes that out to second order in the motion; lower excitation.torque_rms of its motors by a factor of "
             f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
         )
         notes.append(Note("stiffened-spring", text, f"joint {joint}"))
     return tuple(notes)
+
+
+def moved_posture_notes(
+    within: Sequence[tuple[Prospect, Configuration, int]], expected: Sequence[ExpectedResponse], x: FloatArray
+) -> tuple[Note, ...]:
+    """A note where the planned motion, left in the responses, would move a parameter by more than its deviation."""
+    moved, moving = [], []
+    for (prospect, configuration, _), each in zip(within, expected, strict=True):
+        response = replace(each.response, motion=prospect.motor_motion(configuration, x))
+        theta = prospect.parameters.expand(x)
+        effect = effect_of_motion(prospect.linearisation.model, each.model, theta, response)
+        moving.append(response)
+        moved.append(each if effect is None else replace(each, response=replace(response, G=response.G + effect)))
+    if expected[0].fit.criterion != "complex" or all(map(operator.is_, moved, expected)):
+        return ()
+    shift = moved_in_std(*(expected_fit(each).evaluate(x) for each in (moved, expected)))
+    return posture_notes(expected[0].parameters, moving, shift)
 
 
 def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
@@ -149,12 +170,14 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     x, fitted = settled.parameters.x, settled.fitted(plan)
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
-    expected = forecast([prospect.expected(c, known.x, M) for prospect, c, M in within], known.x)
+    responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
+    expected = forecast(responses, known.x)
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
+        *moved_posture_notes(within, responses, known.x),
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     nearest = next(run for run in plan.experiments if run.name == limit_use.nearest)

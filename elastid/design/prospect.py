@@ -39,7 +39,7 @@ from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse, MotorMotion
 from elastid.robot import Robot
 from elastid.simulation.controller import tune
 
@@ -215,6 +215,23 @@ class Prospect:
         X = np.zeros((moved.shape[0] * moved.shape[1], moved.shape[2], len(coordinates)), complex)
         X[:, :, places] = moved.reshape(*X.shape[:2], -1)
         return X
+
+    def motor_motion(self, configuration: Configuration, x: FloatArray) -> MotorMotion:
+        """Of the motors under multisine and carrier, as its records will show it."""
+        motion = self._local(configuration, x)[2]
+        s = 2j * np.pi * self.plan.freq_hz
+        _, U = self._torques(configuration, motion)
+        q = np.einsum("fij,mefj->mefi", motion / s[:, None, None] ** MOTION_ORDER[self.quantity], U)
+        power = np.einsum("mefi,mefj->fij", q, q.conj()) / (2 * U.shape[0] * U.shape[1])
+        N = self.plan.period_samples
+        swing = np.fft.rfft(self.carrier_velocity, axis=0)[1 : N // 2] * (2 / N)
+        omega = 2 * np.pi * self.plan.rate_hz / N * np.arange(1, N // 2)
+        slow = np.flatnonzero(np.abs(swing).max(axis=1) > 1e-3 * np.abs(swing).max(initial=0.0))
+        swing, freq_hz = swing[slow] / omega[slow, None], np.append(omega[slow] / (2 * np.pi), self.plan.freq_hz)
+        power = np.concatenate([np.einsum("ki,kj->kij", swing, swing.conj()) / 2, power])
+        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.simulated.controller)
+        feedback = np.stack([np.diag(each) for each in (k_p * k_i, k_p + k_d * k_i, k_d)])
+        return MotorMotion(self.robot.motor_locations, freq_hz, power, configuration.angles, feedback)
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""

@@ -12,6 +12,7 @@ their places: M contains m c^2.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -21,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -31,6 +32,7 @@ from elastid.fit.problem.least_squares import (
     ResidualKind,
     distance,
     is_far_from_noise,
+    moved_in_std,
 )
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.weights import Weights, weigh
@@ -52,6 +54,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
+# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next where that is by
+# more than so many standard deviations beside the first.
+AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +129,18 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
+    def at_rest(self, x: FloatArray) -> Assembly:
+        """The same without what the motion of the measurements adds to their responses at x (n_x,)."""
+        if all(response.motion is None for response in self.responses):
+            return self
+        responses = []
+        for response in self.responses:
+            theta = self.parameters.expand(x, response.configuration.name)
+            effect = moved_posture(self.linearisation, response, theta)
+            responses.append(response if effect is None else replace(response, G=response.G - effect))
+        is_same = all(map(operator.is_, responses, self.responses))
+        return self if is_same else replace(self, responses=tuple(responses))
+
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
@@ -164,8 +181,8 @@ class Assembly:
 class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
-    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: as
-    measured, their systematic errors as the model has them at the end.
+    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
+    the posture at rest, their systematic errors as the model has them at the end.
     """
 
     end: LocalOptimum
@@ -186,17 +203,22 @@ def relinearise(
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 5 if is_square else 30
-    end, c = start, np.zeros(len(find_factors(assembly.responses)))
+    end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    known, moved = assembly, math.inf
     for i in range(rounds):
         try:
-            current = assembly.reweighted(end.x)
+            if i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
+                rested = assembly.at_rest(end.x)
+            current = rested.reweighted(end.x)
             if len(c):
                 current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
                 c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
             fit = current.unbiased(c).at(end.x, criterion)
             # A logarithm counts other elements at each x.
-            if first is not None and current is assembly and criterion == "complex":
+            if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)
+            elif is_square and not len(c):
+                first, known = fit, current
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
@@ -210,6 +232,33 @@ def relinearise(
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     return RelinearisedOptimum(end, fit, current.responses, current.weights, (Note("still-moving", text),), c)
+
+
+def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
+    """A note where parameters would be off by more than a standard deviation had the motion been left in."""
+    if all(map(operator.is_, assembly.responses, optimum.responses)) or assembly.spec.criterion != "complex":
+        return ()
+    weighed = replace(assembly, weights=optimum.weights)
+    both = (weighed, replace(weighed, responses=optimum.responses))
+    shift = moved_in_std(*(each.at(optimum.end.x, "complex").evaluate(optimum.end.x) for each in both))
+    return posture_notes(assembly.parameters, optimum.responses, shift)
+
+
+def posture_notes(
+    parameters: ParameterSet, responses: Sequence[FrequencyResponse], shift: FloatArray
+) -> tuple[Note, ...]:
+    """A note on the parameter that was asked for and is off by most standard deviations, shift (n_x,), if above one."""
+    shift = np.abs(shift[: len(parameters.asked)])
+    worst = int(np.argmax(shift))
+    if not shift[worst] > 1:
+        return ()
+    largest = max(float(G.motion.rms.max()) for G in responses if G.motion is not None)
+    text = (
+        f"the motion of up to {largest:.2g} {'rad or m' if responses[0].sliding else 'rad'} rms moves the robot out of "
+        f"its postures, which would put {parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; "
+        "the fit takes that out of the responses to second order, and it falls with the square of the torque"
+    )
+    return (Note("posture-moved", text, severity="information"),)
 
 
 def robust_factors(

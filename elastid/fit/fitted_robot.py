@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from elastid.fit.result import FitResult
 from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.transfer import to_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel
@@ -73,12 +75,21 @@ class FittedRobot:
 
     @property
     def responses(self) -> tuple[FrequencyResponse, ...]:
-        """The model's frequency response for each measured one: its lines, inputs and outputs."""
+        """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
-        for linear, G in zip(self.linear, self.measured, strict=True):
+        for linear, G, effect in zip(self.linear, self.measured, self.effects, strict=True):
             modelled = to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz)
-            responses.append(replace(modelled, rate_is_known=G.rate_is_known))
+            moved = modelled.G if effect is None else modelled.G + effect
+            responses.append(replace(modelled, G=moved, rate_is_known=G.rate_is_known))
         return tuple(responses)
+
+    @cached_property
+    def effects(self) -> tuple[ComplexArray | None, ...]:
+        """What the motion of each measurement adds to its response; None where it cannot matter."""
+        pairs = zip(self.linear, self.measured, strict=True)
+        return tuple(
+            effect_of_motion(self.model, linear, self.theta_of(G.configuration.name), G) for linear, G in pairs
+        )
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:

@@ -15,7 +15,7 @@ from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit import checks
-from elastid.fit.assembly import Assembly, RelinearisedOptimum, relinearise
+from elastid.fit.assembly import Assembly, RelinearisedOptimum, motion_notes, relinearise
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
@@ -160,4 +160,5 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     robots = assembly.spec.robots
     twice = checks.find_copies(responses) or checks.find_same_postures(responses, assembly.parameters, robots)
     unlike = checks.find_contradictions(responses, robots)
-    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
+    moved = (*optimum.notes, *motion_notes(assembly, optimum))
+    return (*unlike, *twice, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))

@@ -30,6 +30,7 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
 from elastid.frf.methods import METHODS, Estimate
+from elastid.frf.motor_motion import motor_motion
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT, TotalError
 from elastid.frf.quality import (
     described_lines,
@@ -71,7 +72,8 @@ def estimate(
     else:
         response = _without_period(records, spec)
     place = f"configuration {response.configuration.name}"
-    return replace(response, notes=tuple(note if note.place else replace(note, place=place) for note in response.notes))
+    notes = tuple(note if note.place else replace(note, place=place) for note in response.notes)
+    return replace(response, notes=notes, motion=motor_motion(records, response))
 
 
 def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:

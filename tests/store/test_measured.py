@@ -1,6 +1,7 @@
 """Plans, records and responses come back to the last bit, and plans as tables for a controller."""
 
 import csv
+from dataclasses import replace
 
 import h5py
 import hypothesis.strategies as st
@@ -17,7 +18,8 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, FrequencyResponse, Levels, Quality
+from elastid.response import Covariance, FrequencyResponse, Levels, MotorMotion, Quality
+from elastid.store.files import write_checksum
 from elastid.store.measured import (
     read_configurations,
     read_forecast,
@@ -200,7 +202,15 @@ def responses(draw, name=NAME):
         draw(REPAIRS),
         tuple(draw(st.lists(NAME, max_size=2))),
         bias=draw(st.none() | complex_numbers(2, n_u, F, n_y, n_u)),
+        motion=draw(st.none() | motions(n_u)),
     )
+
+
+@st.composite
+def motions(draw, n_m):
+    K = draw(st.integers(1, 3))
+    spectra = draw(positive(K)), draw(complex_numbers(K, n_m, n_m)), draw(finite(n_m))
+    return MotorMotion(draw(names(n_m)), *spectra, draw(st.none() | finite(3, n_m, n_m)))
 
 
 def qualities(freq_hz, n_y, n_u):
@@ -237,6 +247,21 @@ def test_a_response_comes_back_to_the_last_bit(tmp_path_factory, response):
     path = tmp_path_factory.mktemp("store") / "frf.h5"
     write_responses(path, [response])
     assert same(read_responses(path), (response,))
+
+
+def test_a_response_from_before_motions_were_kept_is_read_without_one(tmp_path):
+    """Of the same layout otherwise."""
+    motion = MotorMotion(("motor 1",), np.ones(2), np.ones((2, 1, 1), complex), np.zeros(1))
+    places = ("motor 1",), ("motor 1",), "acceleration", Configuration("c", [0.0])
+    response = FrequencyResponse([1.0, 2.0], np.ones((2, 1, 1)), *places, motion=motion)
+    write_responses(tmp_path / "frf.h5", [response])
+    with h5py.File(tmp_path / "frf.h5", "r+") as file:
+        (name,) = [name for name in file["responses"] if "motion" in file["responses"][name]]
+        del file["responses"][name]["motion"]
+    write_checksum(tmp_path / "frf.h5")
+    (read,) = read_responses(tmp_path / "frf.h5")
+    assert read.motion is None
+    assert same(replace(read, motion=motion), response)
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):

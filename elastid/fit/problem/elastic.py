@@ -24,6 +24,7 @@ from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquare
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
@@ -247,6 +248,13 @@ def linear_model(linearisation: Linearisation, response: FrequencyResponse, thet
     """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
     model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
     return at_measured_places(model, response)
+
+
+def moved_posture(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> ComplexArray | None:
+    """`effect_of_motion` in a response, of the model at theta (n_theta,), which ends with the delay."""
+    if response.motion is None:
+        return None
+    return effect_of_motion(linearisation.model, linear_model(linearisation, response, theta), theta, response)
 
 
 def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray) -> Kernel:

@@ -1,0 +1,93 @@
+r"""The motion of the motors in the records of a response: its spectra, and the feedback of the controller in them.
+
+.. math:: u - r = -\Big( \frac{F_0}{s} + F_1 + F_2 s \Big) q_m
+
+at lines where r is known: all that move where it was recorded, else those between the excited lines. That covers PD
+controllers, PID, and the cascades of robots; F is found by least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.fft import rfft
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.record import MOTION_ORDER, Record
+from elastid.response import FrequencyResponse, MotorMotion
+
+# Lines with less than this part of the motion's power are noise, or move no posture.
+_LEAST_SHARE = 1e-5
+_MOST_LINES = 128  # that are kept, or from which the feedback is found
+# Part of the power of u - r that the feedback must explain; noise alone is explained by less.
+_EXPLAINED = 0.5
+
+
+def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> MotorMotion | None:
+    """Of the motors among the outputs of all records of one configuration; None without any, or without a rate."""
+    first = records[0]
+    columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
+    if not columns or not first.rate_is_known or not first.is_periodic:
+        return None
+    N = first.period_samples
+    s = (2j * np.pi * first.rate_hz / N * np.arange(1, N // 2)).astype(np.complex128)
+    orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
+    over = np.stack([s**-order for order in orders], axis=1)
+    q = np.stack([_amplitudes(record, record.y, columns) * over for record in records])
+    lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
+    excited = lines[lines < N // 2] - 1
+    power = np.einsum("ekm,ekm->k", q, q.conj()).real
+    moving = power > _LEAST_SHARE * power[excited].sum()
+    moving[excited] = True
+    spectra = np.einsum("ekm,ekn->kmn", q[:, moving], q[:, moving].conj()) / (2 * len(records))
+    motors = tuple(first.outputs[i] for i in columns)
+    has_all = set(motors) == set(first.inputs) and not first.input_units
+    feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None
+    means = np.mean([_mean_period(record, record.y, columns).mean(axis=0) for record in records], axis=0)
+    mean = np.where([order == 0 for order in orders], means, np.nan)
+    return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
+
+
+def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
+    """Complex amplitudes (N // 2 - 1, c) of the mean period of some signals, without their mean."""
+    N = record.period_samples
+    return np.asarray(rfft(_mean_period(record, signals, columns), axis=0)[1 : N // 2] * (2 / N))
+
+
+def _mean_period(record: Record, signals: FloatArray, columns: list[int]) -> FloatArray:
+    """The mean period (N, c) in the second half of a record."""
+    N, P = record.period_samples, record.n_periods
+    used = [p for p in range(P // 2, P) if p not in record.left_out] or [P - 1]
+    return np.asarray(sum(signals[p * N : (p + 1) * N][:, columns] for p in used) / len(used))
+
+
+def _feedback(
+    records: Sequence[Record],
+    motors: tuple[str, ...],
+    q: ComplexArray,
+    s: ComplexArray,
+    excited: IntArray,
+    moving: BoolArray,
+) -> FloatArray | None:
+    """(3, n_m, n_m) from motors' angles q (E, K, n_m) at s (K,); None where they do not explain the torques."""
+    order = [records[0].inputs.index(motor) for motor in motors]
+    drive = np.stack([_amplitudes(record, record.u, order) for record in records])
+    injected = [record.r for record in records if record.r is not None]
+    if len(injected) == len(records):
+        drive = drive - np.stack([_amplitudes(record, r, order) for r, record in zip(injected, records, strict=True)])
+        lines = np.flatnonzero(moving)
+    else:
+        lines = np.setdiff1d(np.arange(excited[0], excited[-1]), excited)
+    lines = lines[:: -(-len(lines) // _MOST_LINES) or 1]
+    q, drive, s = q[:, lines], drive[:, lines], s[lines]
+    terms = np.concatenate([q / s[:, None], q, q * s[:, None]], axis=2)
+    A, b = terms.reshape(-1, terms.shape[2]), -drive.reshape(-1, len(motors))
+    A, b = np.concatenate([A.real, A.imag]), np.concatenate([b.real, b.imag])
+    if len(A) < 2 * A.shape[1]:
+        return None
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    F = np.linalg.lstsq(A / size, b)[0] / size[:, None]
+    if np.sum((b - A @ F) ** 2) > (1 - _EXPLAINED) * np.sum(b**2):
+        return None
+    return np.asarray(F.reshape(3, len(motors), len(motors)).swapaxes(1, 2))

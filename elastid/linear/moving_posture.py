@@ -1,0 +1,347 @@
+r"""What the motion of a measurement does to its frequency response: it moves the robot out of the posture.
+
+With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs among them, a nearly
+Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
+
+.. math:: L\, \delta X = - \big( \mathrm{E}[R'(z_0 + e_1)] - R' \big) X
+          - \sum_{\pm k} R''\big[ e_2(\omega \pm \omega_k),\, e_1(\mp \omega_k) \big] - R''[\bar e_2, X], \qquad
+          L\, e_2 = - \tfrac12 R''[e_1, e_1]
+
+is the change of X = L^-1 B, the best linear approximation to second order in the motion. The first term is the
+statistical linearisation: the mean mass matrix, gravity that a swing makes softer, loops that turn, and the moving
+posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
+differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
+second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
+feedback where that is known, with motors that stand still at these frequencies where it is not. The mean of the motors
+is measured: a controller without integral gives way to that of e_2.
+
+Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
+motion; what is left out, of fourth order, is smaller by that square in rad^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.transfer import factor
+from elastid.model.elastic import ElasticModel
+from elastid.model.loop_closure import RANK_TOLERANCE
+from elastid.response import FrequencyResponse, MotorMotion
+
+# Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
+_MOST_LINES, _FEW = 48, 8
+# Standard deviations that the effect may have, of all elements together, before it is worked out.
+NEGLIGIBLE = 0.1
+# A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
+# the encoder, or a posture that was given in round numbers.
+_LARGEST_SHIFT = 30.0
+_STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
+
+
+def effect_of_motion(
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse
+) -> ComplexArray | None:
+    """`posture_effect` in a measured response; None where no motion is known of it, or where it cannot matter.
+
+    None, too, for a motion to where the equations have no number (a gas spring beyond its end).
+    No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
+    """
+    motion, known = response.motion, response.uncertainty
+    if motion is None:
+        return None
+    if known is not None:
+        some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
+        rough = posture_effect(model, linear, theta, motion, response.freq_hz[some], _FEW)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
+        if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
+            return None
+    effect = posture_effect(model, linear, theta, motion, response.freq_hz)
+    return effect if np.isfinite(effect).all() else None
+
+
+def posture_effect(
+    model: ElasticModel,
+    linear: LinearModel,
+    theta: FloatArray,
+    motion: MotorMotion,
+    freq_hz: FloatArray,
+    most: int = _MOST_LINES,
+) -> ComplexArray:
+    """dG (F, n_y, n_u) that a motion adds to the response of a model about its posture at rest.
+
+    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
+    measured count as standing still.  most: lines of the motion, neighbours being put together, and lines of the
+    response between which it is interpolated.  StudyError as `equilibrium`.
+    """
+    if not motion.power.any():
+        return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
+    expansion, omega = _expand(model, linear, theta), 2 * np.pi * freq_hz
+    places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
+    moved = _Moved.of(expansion, motion, linear.configuration.angles, places, most)
+    nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
+    changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+    dG = np.stack([expansion.response_change(*each) for each in zip(omega, changes, strict=True)])
+    of_outputs, of_inputs = linear.channel_gains(theta)
+    inputs = [model.inputs.index(place) for place in linear.inputs]
+    gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
+    return np.asarray(gain * of_outputs[:, None] * dG[:, :, inputs] * of_inputs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
+
+    J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
+    w.  jacobian(z): J elsewhere.  B (n, n_u).  free: the unknowns but for the motors' coordinates.  orders (n_y,): 1
+    of outputs that are rates, 2 of accelerations.
+    """
+
+    n_q: int
+    n: int
+    J: FloatArray
+    curvature: FloatArray
+    jacobian: Jacobian
+    B: FloatArray
+    free: IntArray
+    orders: IntArray
+
+    def z(self, omega: float) -> ComplexArray:
+        """(n_z, n): z of the unknowns x at a frequency."""
+        rates = np.eye(self.n_q, self.n)
+        return np.asarray(np.vstack([np.eye(self.n), 1j * omega * rates, -(omega**2) * rates]), np.complex128)
+
+    def L(self, omega: Any) -> ComplexArray:
+        """The dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
+        n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
+        stiffness, damping, mass = np.split(self.J[:n], [n, n + n_q], axis=1)
+        L = stiffness + 0 * s
+        L[..., :n_q] += s * damping + s**2 * mass
+        return np.asarray(L)
+
+    def X(self, omega: float) -> ComplexArray:
+        """L^-1 B (n, n_u)."""
+        return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
+
+    def response_change(self, omega: float, change: ComplexArray) -> ComplexArray:
+        """Change of the outputs (n_y, n_u), as of positions, by the one of the equations and outputs (n + n_y, n)."""
+        X, n, s = self.X(omega), self.n, 1j * omega
+        dX = -np.linalg.solve(self.L(omega) + change[:n], change[:n] @ X)
+        moved = self.J[n:] @ self.z(omega) @ dX + change[n:] @ (X + dX)
+        return np.asarray(moved / s ** self.orders[:, None])
+
+    def held(self, omega: Any) -> ComplexArray:
+        """L^-1 (..., n, n) with motors that stand still."""
+        L = self.L(omega)
+        inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
+        try:
+            inverse[free] = np.linalg.inv(L[free])
+        except np.linalg.LinAlgError:  # at rest, of a joint that nothing holds
+            inverse[free] = np.linalg.pinv(L[free])
+        return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """An expansion and the motion about it.
+
+    omega (2 K,), of both signs; curved (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
+    mean (n + n_y, n_z): E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
+    """
+
+    expansion: _Expansion
+    omega: FloatArray
+    curved: ComplexArray
+    mean: FloatArray
+    feedback: FloatArray | None
+
+    @classmethod
+    def of(cls, expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int], most: int) -> _Moved:
+        """angles (n_u,): of the configuration.  places (n_u,): of the model's motors in the motion, -1 for unknown."""
+        measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
+        power = motion.power[:, at][:, :, at]
+        omega = 2 * np.pi * motion.freq_hz
+        every = _amplitudes(expansion, omega, power, measured)
+        covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
+        shift = np.zeros(len(places))
+        shift[measured] = motion.mean[at] - angles[measured]
+        shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
+        mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
+        few = motion.grouped(most)
+        sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
+        W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
+        both = np.concatenate([W, W.conj()])
+        feedback = None
+        if motion.feedback is not None and len(measured) == len(places):
+            feedback = motion.feedback[:, at][:, :, at]
+        curved = np.tensordot(both, expansion.curvature, axes=1)
+        return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
+
+    def change(self, omega: float) -> ComplexArray:
+        """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
+        e, both, (rows, places, unknowns) = self.expansion, omega + self.omega, self._curved_parts
+        K, m = self.curved.shape[:2]
+        Z, equations = e.z(omega)[np.ix_(places, unknowns)], rows[rows < e.n]
+        torque = -(self._met @ Z).reshape(K, m, len(rows), len(unknowns))[:, :, : len(equations)]  # R''[., e_1]
+        x = self._inverse(both)[:, None, :, equations] @ torque
+        z, s = np.empty((K, m, e.n + 2 * e.n_q, len(unknowns)), np.complex128), 1j * both[:, None, None, None]
+        z[:, :, : e.n], z[:, :, e.n : e.n + e.n_q] = x, s * x[:, :, : e.n_q]
+        z[:, :, e.n + e.n_q :] = s**2 * x[:, :, : e.n_q]
+        total = (self.mean @ e.z(omega)).astype(np.complex128)
+        total[np.ix_(rows, unknowns)] += self._partners @ z[:, :, places].reshape(K * m * len(places), len(unknowns))
+        return np.asarray(total)
+
+    @cached_property
+    def _curved_parts(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Rows and places of z with any curvature, and the unknowns of these; motors mostly have none."""
+        e, curvature = self.expansion, self.expansion.curvature != 0
+        places = np.flatnonzero(curvature.any(axis=(1, 2)))
+        unknowns = np.flatnonzero(e.z(1.0)[places].any(axis=0))
+        return np.flatnonzero(curvature.any(axis=(0, 2))), places, unknowns
+
+    @cached_property
+    def _met(self) -> ComplexArray:
+        """(2 K m n_rows, n_places): R''[., e_1] as far as it is not zero."""
+        rows, places, _ = self._curved_parts
+        met = self.curved[:, :, rows][..., places]
+        return met.reshape(int(np.prod(met.shape[:3])), len(places))
+
+    @cached_property
+    def _partners(self) -> ComplexArray:
+        """(n_rows, 2 K m n_places): the same at the frequencies of opposite sign."""
+        rows, places, _ = self._curved_parts
+        met = self._met.conj().reshape(*self.curved.shape[:2], len(rows), len(places))
+        return np.ascontiguousarray(met.transpose(2, 0, 1, 3)).reshape(len(rows), met[:, :, :1].size)
+
+    def _inverse(self, omega: FloatArray) -> ComplexArray:
+        """From torques on the unknowns to e_2 (2 K, n, n)."""
+        e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
+        if self.feedback is None:
+            return e.held(omega)
+        s = 1j * np.where(rest, 1.0, omega)[:, None, None]
+        integral, proportional, derivative = self.feedback
+        F = integral / s + proportional + s * derivative
+        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T)
+        inverse[rest] = e.held(0.0)
+        return np.asarray(inverse)
+
+
+def _between(omega: FloatArray, nodes: FloatArray, values: ComplexArray) -> ComplexArray:
+    """Values (.., n, n) at nodes between which omega (F,) are."""
+    after = np.clip(np.searchsorted(nodes, omega), min(1, len(nodes) - 1), len(nodes) - 1)
+    before = np.maximum(after - 1, 0)
+    share = (omega - nodes[before]) / np.maximum(nodes[after] - nodes[before], 1e-300)
+    share = np.where(after == before, 0.0, share)[:, None, None]
+    return np.asarray((1 - share) * values[before] + share * values[after])
+
+
+def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
+    """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
+    W = []
+    for w, S in zip(omega, power, strict=True):
+        values, vectors = np.linalg.eigh(S)
+        X = expansion.X(w)
+        per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, measured]
+        x = per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        v = 1j * w * x[: expansion.n_q]
+        W.append(np.concatenate([x, v, 1j * w * v]).T)
+    return np.array(W)
+
+
+def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
+    """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
+    values, vectors = np.linalg.eigh(covariance)
+    total = np.zeros(expansion.J.shape)
+    for value, axis in zip(values, vectors.T, strict=True):
+        if value > 1e-18 * values[-1]:
+            e = np.sqrt(value) * axis
+            total += (expansion.jacobian(e) + expansion.jacobian(-e) - 2 * expansion.J) / 2
+    return total
+
+
+def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
+    """R''[mean of e_2] (n + n_y, n_z); shift (n_u,): of the motors."""
+    n, moved = expansion.n, expansion.B @ shift
+    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
+    mean = moved - expansion.held(0.0).real @ torque
+    return np.asarray(np.tensordot(mean, expansion.curvature[:n], axes=1))
+
+
+class Jacobian:
+    """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
+
+    def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
+        self.function, self.point, self.theta, self.rows, self.kept = function, z, theta, rows, kept
+
+    def __call__(self, distance: FloatArray) -> FloatArray:
+        """J of the independent constraints there."""
+        J = self.function(self.point + self.kept @ distance, self.theta).full()
+        return np.asarray(self.rows @ J @ self.kept)
+
+
+def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
+    """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
+    point = equilibrium(model, theta[:-1], linear.configuration)
+    numbers = model.carried(theta[:-1], linear.configuration.carries)
+    n_q, n_c, n_y = model.n_q, model.n_c, len(linear.outputs)
+    # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
+    U = np.zeros((n_c, 0))
+    if n_c:
+        left, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
+        U = left[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
+    r, n = U.shape[1], n_q + U.shape[1]
+    kept = np.zeros((3 * n_q + n_c, 2 * n_q + n))
+    kept[:n_q, :n_q], kept[n_q : n_q + n_c, n_q:n], kept[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)
+    rows = np.zeros((n + n_y, n_q + n_c + n_y))
+    rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
+    z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
+    jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
+    steps = np.where(np.arange(2 * n_q + n) < n_q, _STEP, 1.0)
+    curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
+    B = np.vstack([model.B, np.zeros((r, model.n_u))])
+    free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
+    orders = np.array([2 if _point(place) else 1 for place in linear.outputs])
+    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free, orders)
+
+
+@lru_cache(maxsize=8)
+def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
+    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
+    q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
+    lambda_, theta = ca.SX.sym("lambda", model.n_c), ca.SX.sym("theta", len(model.parameters))
+    forces = model.mass(q, theta) @ a + model.force(q, v, theta)
+    if model.n_c:
+        forces += model.constraint_jacobian(q, theta).T @ lambda_
+    rates = model.readout(q, theta, outputs)[0] @ v
+    read = [
+        _acceleration(model, place, q, v, a, theta) if _point(place) else rates[i] for i, place in enumerate(outputs)
+    ]
+    z = ca.vertcat(q, lambda_, v, a)
+    R = ca.vertcat(forces, *([model.constraint(q, theta)] if model.n_c else []), *read)
+    return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
+
+
+def _point(place: str) -> bool:
+    """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
+    kind, _, rest = place.partition(" ")
+    return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+
+
+def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
+    """Of a point along its turning axis, v' + omega x v in the axes of the frame; of an accelerometer less gravity."""
+    kind, _, rest = place.partition(" ")
+    name, _, axis = rest.rpartition(" ")
+    f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
+    J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
+    velocity, turning = J[:3, :] @ v, J[3:, :] @ v
+    along = J[:3, :] @ a + ca.jtimes(velocity, q, v) + ca.cross(turning, velocity)
+    gravity = model.frame_gravity(q, theta)[3 * f + i] if kind == "accelerometer" else 0
+    return along[i] - gravity
