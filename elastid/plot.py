@@ -86,4 +86,4 @@ def _on_dense_lines(
     low, high = measured.freq_hz[[0, -1]]
     lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))
     same = model.linear.quantity == measured.quantity
-    return model.response(lines), model.response_std(lines) if band and same else None
+    return model.response(lines, sampled=True), model.response_std(lines) if band and same else None

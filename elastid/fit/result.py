@@ -12,14 +12,18 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
-from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.errors import Named, StudyError, UnknownNameError, index_of
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
+from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.posture_model import Axes, Motors, PostureModel
+from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration
+from elastid.record import Configuration, Motion
+from elastid.robot import Frame, Payload, Robot
 
 
 @frozen_value
@@ -167,6 +171,7 @@ class FitResult:
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
+    robot, equations: those that were fitted, for postures that were not measured.
     """
 
     parameters: ParameterSet
@@ -201,6 +206,8 @@ class FitResult:
     repeated: FloatArray = labelled(
         "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
     )
+    robot: Robot | None = None
+    equations: ModelSpec | None = None
 
     def __post_init__(self) -> None:
         n_x = len(self.parameters.free)
@@ -367,6 +374,59 @@ class FitResult:
         name = configuration.name if isinstance(configuration, Configuration) else str(configuration)
         linear = self.linear[index_of(name, names, "fitted model of configuration")]
         return FittedModel(linear, self.parameters, self.x, self.covariance)
+
+    def at(
+        self,
+        posture: Posture,
+        inputs: Sequence[str] = (),
+        outputs: Sequence[str] = (),
+        *,
+        motors: Motors = "held",
+        payload: Payload | Literal[False] | None = None,
+        frame: Frame | str | None = None,
+        axes: Axes = "own",
+        quantity: Motion | None = None,
+        controller: Any = None,
+    ) -> PostureModel:
+        """The fitted robot in any posture, about its equilibrium under gravity and payload: responses, modes, stiffness.
+
+        posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
+        configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
+        the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
+        motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
+        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and defaults; `tool`, else the last.
+        axes: of frames, their own or those of the base.  quantity: of outputs; positions, accelerations with
+        accelerometers.  StudyError for places or angles that the robot lacks, and where it finds no rest.
+        """
+        asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
+        where = posture if isinstance(posture, str) else getattr(posture, "name", "")
+        family = self.family(asked, where)
+        return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
+
+    def family(self, asked: Asked, where: str = "") -> Family:
+        """The same for many postures; where: the configuration whose parameters count, of those with their own."""
+        if self.robot is None:
+            raise StudyError(
+                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid fit "
+                "STUDY`), or `elastid.identify(...)`"
+            )
+        spec = self.equations or ModelSpec()
+        return Family.of(self.robot, spec, self.parameters, self.x, self.covariance_of_prediction, asked, where)
+
+    @property
+    def covariance_of_prediction(self) -> FloatArray:
+        """`covariance`, widened where the model is wrong: times the square of residuals over their noise.
+
+        The change that the first number held by the fit, freed for a step, would make is added as an error of its own.
+        """
+        if not self.exceeds_noise:
+            return self.covariance
+        wide = self.covariance * self.model_error**2
+        leading = [index for index in self.indices if index.place == 1] or list(self.indices[:1])
+        for index in leading:
+            shift = np.nan_to_num(index.effects, posinf=0.0, neginf=0.0)
+            wide = wide + np.outer(shift, shift)
+        return wide
 
     @property
     def correlation(self) -> FloatArray:
