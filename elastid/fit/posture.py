@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
-from elastid.linear.equilibrium import rigid_posture
+from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.posture_model import Axes, Estimated, JointLoop, Motors, Ports, PostureModel
@@ -134,7 +134,7 @@ class Family:
 
     def _ports(self, configuration: Configuration) -> Ports:
         model, theta = self.model, self.theta
-        q = rigid_posture(model, configuration, theta)[None, : len(self.robot.joints)]
+        q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
         turned = model.robot_at(theta)
         rows = {place: i for i, place in enumerate(self.places)}
         motors = [place for place in self.inputs if place.startswith("motor ")]
