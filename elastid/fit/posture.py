@@ -20,7 +20,7 @@ from elastid.model.loop_closure import null_space
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
-from elastid.robot import BASE, FRAME_AXES, TOOL, Frame, Payload, Robot
+from elastid.robot import BASE, FRAME_AXES, TOOL, Frame, Payload, Placement, Robot
 from elastid.simulation.controller import tune
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
@@ -185,7 +185,9 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
                 raise StudyError(f"posture: no driven joint {name}; {did_you_mean(str(name), names)}")
         lacking = [name for name in names if name not in posture]
         if lacking:
-            raise StudyError(f"posture: no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}")
+            raise StudyError(
+                f"posture: no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}"
+            )
         posture = [float(posture[name]) for name in names]
     angles = np.atleast_1d(np.asarray(posture, float))
     if refused := robot.count_refusal(angles.size):
@@ -193,10 +195,13 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
     return Configuration("posture", angles)
 
 
-def default_frame(robot: Robot) -> str:
-    """The frame `tool`, else the last frame, else the last body."""
+def default_frame(robot: Robot) -> Frame | str:
+    """The frame `tool`, else the last frame, else one at the last body's centre of mass."""
     names = [frame.name for frame in robot.frames]
-    return TOOL if TOOL in names else names[-1] if names else robot.bodies[-1].name
+    if names:
+        return TOOL if TOOL in names else names[-1]
+    last = robot.bodies[-1]
+    return Frame(TOOL, last.name, Placement(last.center_of_mass))
 
 
 def _frame_of(place: str) -> str:

@@ -394,7 +394,8 @@ class FitResult:
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
         the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
         motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
-        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and defaults; `tool`, else the last.
+        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the last
+        one, else the last body's centre of mass.
         axes: of frames, their own or those of the base.  quantity: of outputs; positions, accelerations with
         accelerometers.  StudyError for places or angles that the robot lacks, and where it finds no rest.
         """

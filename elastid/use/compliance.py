@@ -74,6 +74,7 @@ class Answers:
 
     principal (P, 3), axes (P, 3, 3): compliances, the softest first, and their directions as columns.
     peak_hz, chatter_hz (P,): lines of the largest dynamic compliance and of the most negative real part.
+    magnitude, magnitude_std (P, L): |a^T G a| along the softest direction on the lines of a curve.
     """
 
     values: dict[str, FloatArray]
@@ -83,10 +84,12 @@ class Answers:
     shares: FloatArray
     peak_hz: FloatArray
     chatter_hz: FloatArray
+    magnitude: FloatArray
+    magnitude_std: FloatArray
 
 
-def answers(robots: Linearised, lines_hz: FloatArray, cut: Cut) -> Answers:
-    """All quantities of postures (P,) on lines (F,), in the axes of the base."""
+def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut) -> Answers:
+    """All quantities of postures (P,) on lines (F,), and a curve on lines (L,), in the axes of the base."""
     static = _Static(robots)
     principal, axes = np.linalg.eigh(static.C)
     principal, axes = principal[:, ::-1], axes[:, :, ::-1]
@@ -126,7 +129,8 @@ def answers(robots: Linearised, lines_hz: FloatArray, cut: Cut) -> Answers:
     u = static.flexibility @ axes[:, :, :1]
     energy = robots.strain_c * (robots.strain_b @ u)[:, :, 0] ** 2
     shares = energy / np.maximum(principal[:, :1], 1e-300)
-    return Answers(values, std, principal, axes, shares, peak_hz, chatter_hz)
+    curve = dynamic.along(curve_hz, axes[:, :, 0])
+    return Answers(values, std, principal, axes, shares, peak_hz, chatter_hz, *curve)
 
 
 class _Static:
@@ -149,11 +153,12 @@ class _Static:
 
 @dataclass(frozen=True, eq=False)
 class _Dynamic:
-    """Poles (P, 2n) in 1/s and residues (P, 2n, 9) of G in its translations."""
+    """Poles (P, 2n) in 1/s, shapes (P, n, 2n), how forces act on them (P, 2n, 3), and residues (P, 2n, 9) of G."""
 
     robots: Linearised
     poles: ComplexArray
     shapes: ComplexArray
+    acting: ComplexArray
     residues: ComplexArray
 
     @classmethod
@@ -171,7 +176,7 @@ class _Dynamic:
         acting = np.linalg.solve(V, B.astype(complex))
         seen = J @ V[:, :n]
         residues = (seen.transpose(0, 2, 1)[:, :, :, None] * acting[:, :, None, :]).reshape(P, 2 * n, 9)
-        return cls(robots, poles, V[:, :n], residues)
+        return cls(robots, poles, V[:, :n], acting, residues)
 
     def _of_mode(self, i: int) -> tuple[FloatArray, ComplexArray, ComplexArray]:
         """Natural frequency (P,) of the i-th oscillating mode, its pole and shape; NaN where there are fewer."""
@@ -220,6 +225,22 @@ class _Dynamic:
             J = self.robots.J[p, :3]
             G[p] = J @ np.linalg.solve(Z, np.broadcast_to(J.T.astype(complex), (len(Z), *J.T.shape)))
         return G
+
+    def along(self, freq_hz: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """|a^T G a| (P, L) and its standard deviation, a (P, 3)."""
+        robots, s = self.robots, np.broadcast_to(2j * np.pi * freq_hz, (len(a), len(freq_hz)))
+        acting = np.einsum("pka,pa->pk", self.acting, a)
+        u = (acting[:, None] / (s[:, :, None] - self.poles[:, None])) @ self.shapes.transpose(0, 2, 1)
+        pull = np.einsum("pa,pan->pn", a, robots.J[:, :3])
+        G = np.einsum("pfn,pn->pf", u, pull)
+        P, L, n = u.shape
+        outer = (u[:, :, :, None] * u[:, :, None, :]).reshape(P, L, n * n).transpose(0, 2, 1)
+        M, D, K = (part.reshape(P, part.shape[1], n * n) @ outer for part in (robots.dM, robots.dD, robots.dK))
+        turned = np.einsum("pkan,pa->pkn", robots.dJ[:, :, :3], a) @ u.transpose(0, 2, 1)
+        slope = 2 * turned - (s[:, None] ** 2 * M + s[:, None] * D + K)
+        size = np.maximum(np.abs(G), 1e-300)
+        moved = (G.conj()[:, None] * slope).real / size[:, None]
+        return size, np.linalg.norm(moved.transpose(0, 2, 1) @ robots.of_x, axis=2)
 
     def _solved(self, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one s (P,) of each posture."""

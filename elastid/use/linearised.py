@@ -253,4 +253,6 @@ def _nothing(of_x: FloatArray, found: BoolArray) -> Linearised:
     none, n_k = np.zeros((0, 1, 1)), len(of_x)
     slopes = np.zeros((0, n_k, 1, 1))
     J, dJ = np.zeros((0, 6, 1)), np.zeros((0, n_k, 6, 1))
-    return Linearised(none, none, none, J, slopes, slopes, slopes, dJ, of_x, found, np.zeros((0, 3)), np.zeros((0, 0)), none)
+    return Linearised(
+        none, none, none, J, slopes, slopes, slopes, dJ, of_x, found, np.zeros((0, 3)), np.zeros((0, 0)), none
+    )
