@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
@@ -56,8 +58,6 @@ def map_study(
     run: Run, frame: str | None, postures: Postures, cut: Cut, band_hz: Sequence[float] | None = None
 ) -> None:
     """map.h5, map.csv, map.html and map.png of the study's fit; StudyError without a current one."""
-    import numpy as np
-
     run.study.as_robot()
     run.require_stage("fit")
     run.require_result("fit")

@@ -388,16 +388,16 @@ class FitResult:
         quantity: Motion | None = None,
         controller: Any = None,
     ) -> PostureModel:
-        """The fitted robot in any posture, about its equilibrium under gravity and payload: responses, modes, stiffness.
+        """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
         the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
         motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
-        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the last
-        one, else the last body's centre of mass.
-        axes: of frames, their own or those of the base.  quantity: of outputs; positions, accelerations with
-        accelerometers.  StudyError for places or angles that the robot lacks, and where it finds no rest.
+        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
+        last one, else the last body's centre of mass.  axes: of frames, their own or those of the base.  quantity: of
+        outputs; positions, accelerations with accelerometers.  StudyError for places or angles that the robot lacks,
+        and where it finds no rest.
         """
         asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
         where = posture if isinstance(posture, str) else getattr(posture, "name", "")

@@ -25,7 +25,8 @@ SCHEMA = 1
 class Kind:
     """Form of a value in a file and what it consists of.
 
-    scalar: a number or text of `type`, one of `choices` where there are any.  text: a robot, as JSON.  array: of `type` as NumPy's.
+    scalar: a number or text of `type`, one of `choices` where there are any.  array: of `type` as NumPy's.
+    text: a robot, as JSON.
     optional: parts[0] or None.  union: one of several dataclasses.  fields: a dataclass `type`.
     sequence: a tuple of parts[0].  record: a tuple of fixed parts.  mapping: from texts to parts[0].
     """

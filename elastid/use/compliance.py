@@ -18,6 +18,7 @@ at the line of the extremum, which moves in second order.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,7 @@ class _Static:
         u, v = ((self.flexibility @ each[:, :, None])[:, :, 0] for each in (a, b))
         slope = -_form(robots.dK, u, v)
         slope += _form(robots.dJ[:, :, :3], a, v) + _form(robots.dJ[:, :, :3], b, u)
-        return np.linalg.norm(slope @ robots.of_x, axis=1)
+        return np.asarray(np.linalg.norm(slope @ robots.of_x, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,20 +248,20 @@ class _Dynamic:
         robots, s = self.robots, s[:, None, None]
         J = robots.J[:, :3]
         X = np.linalg.solve(s**2 * robots.M + s * robots.D + robots.K, J.transpose(0, 2, 1).astype(complex))
-        return X, J @ X
+        return np.asarray(X), np.asarray(J @ X)
 
     def std(self, freq_hz: FloatArray, a: ComplexArray, b: ComplexArray) -> FloatArray:
         """Of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
-        robots, s = self.robots, 2j * np.pi * freq_hz
+        robots, s = self.robots, np.asarray(2j * np.pi * freq_hz)
         X = self._solved(s)[0]
         u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
         k = s[:, None]
         slope = -(k**2 * _form(robots.dM, u, v) + k * _form(robots.dD, u, v) + _form(robots.dK, u, v))
         slope += _form(robots.dJ[:, :, :3], a, v) + _form(robots.dJ[:, :, :3], b, u)
-        return np.linalg.norm(slope.real @ robots.of_x, axis=1)
+        return np.asarray(np.linalg.norm(slope.real @ robots.of_x, axis=1))
 
 
-def _form(matrices: FloatArray, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> ComplexArray:
+def _form(matrices: Any, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> ComplexArray:
     """a^T A b (P, n_k) of matrices (P, n_k, m, n), a (P, m), b (P, n)."""
     P, n_k = matrices.shape[:2]
     outer = (a[:, :, None] * b[:, None, :]).reshape(P, -1, 1)

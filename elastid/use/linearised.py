@@ -146,9 +146,8 @@ class ManyPostures:
         J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
         of_x = self._moved[1][: slopes.shape[1]]
         b = b.reshape(len(q), n, -1).transpose(0, 2, 1)[:, :, free]
-        arrays = (*square, J, dM, dD, dK, dJ)
-        kept = (array[found] for array in arrays)
-        return Linearised(*kept, of_x, found, poses.position[found], c[found], b[found])
+        M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (*square, J, dM, dD, dK, dJ))
+        return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, poses.position[found], c[found], b[found])
 
     def _undeflected(self, angles: FloatArray) -> FloatArray:
         q = np.zeros((len(angles), len(self.family.robot.joints)))
@@ -183,8 +182,8 @@ class ManyPostures:
             kept.append((*matrices, pose.position[0], c[:, 0], b @ moves))
         if not kept:
             return _nothing(self._moved[1], found)
-        *arrays, position, c, b = (np.array(part) for part in zip(*kept, strict=True))
-        return Linearised(*arrays, self._moved[1], found, position, c, b)
+        M, D, K, J, dM, dD, dK, dJ, position, c, b = (np.array(part) for part in zip(*kept, strict=True))
+        return Linearised(M, D, K, J, dM, dD, dK, dJ, self._moved[1], found, position, c, b)
 
     def _slopes(self, model: PostureModel) -> Iterator[FloatArray]:
         """dM, dD, dK (n_k, n, n) and dJ (n_k, 6, n), own axes, of a model."""
@@ -219,13 +218,14 @@ class _Dense:
     def __call__(self, q: FloatArray) -> tuple[FloatArray, ...]:
         """Each output (P, size) of q (P, n)."""
         function = self.function
+        buffer: Any
         buffer, evaluate = function.buffer()
         row = np.zeros(q.shape[1])
         held = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
         results = tuple(np.zeros((len(q), own.size)) for own in held)
-        buffer.set_arg(0, memoryview(row))
+        buffer.set_arg(0, row.data)
         for i, own in enumerate(held):
-            buffer.set_res(i, memoryview(own))
+            buffer.set_res(i, own.data)
         for place, point in enumerate(q):
             row[:] = point
             evaluate()

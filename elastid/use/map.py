@@ -82,7 +82,7 @@ class WorkspaceMap:
         return len(self.angles)
 
     @property
-    def softest(self) -> FloatArray:
+    def softest(self) -> IntArray:
         """Numbers (Q,) of the postures, the softest first."""
         return np.argsort(-self["softest_compliance"].value, kind="stable")
 

@@ -148,7 +148,6 @@ def _descend(
         left = np.abs(e).max(axis=1)
         if np.all(left < INVERSE.position / 10):
             break
-        # A joint at its limit that would leave it stays there, and the others go on.
         normal = J.transpose(0, 2, 1) @ J
         size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
         # Less damping where the pose is near: the last steps are Newton's.
