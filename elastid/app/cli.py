@@ -83,7 +83,7 @@ def _options(*names: str) -> Decorator:
 
 _PDF = "report.formats=[png, pdf]"
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
+_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
@@ -285,18 +285,20 @@ def map_command(
 @cli.command()
 @_study
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
+@click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
 @_stage_options
-def export(study: Path, target: str, **options: Any) -> None:
+def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
-    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; observer
-    is the filter of a friction study in C; all others take the fitted model of a study of elasticity. A study without a
-    robot exports its measured responses to control, matlab, csv or uff; uff takes the responses of any study.
+    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; draws are
+    --count such robots from what the fit knows, as robot files, MJCF and a table; observer is the filter of a friction
+    study in C; all others take the fitted model of a study of elasticity. A study without a robot exports its measured
+    responses to control, matlab, csv or uff; uff takes the responses of any study.
     """
     asked = _run(study, options)
     from elastid.app.export import export as export_model
 
-    export_model(asked, target)
+    export_model(asked, target, count)
 
 
 @cli.command()

@@ -108,18 +108,22 @@ def is_array(annotation: Any) -> bool:
     return get_origin(alias) is np.ndarray
 
 
-def text_of(value: Any) -> str:
+def text_of(value: Any, indent: int | None = None) -> str:
     """A section of a study as JSON without what is at its default."""
-    from pydantic import TypeAdapter  # takes a while
-
-    return TypeAdapter(type(value)).dump_json(value, exclude_defaults=True).decode()
+    kind: Any = type(value)
+    return str(_adapter(kind).dump_json(value, indent=indent, exclude_defaults=True), "utf-8")
 
 
 def from_text(text: str, kind: Any) -> Any:
     """The section of `text_of`; ValueError for text that is none."""
-    from pydantic import TypeAdapter
+    return _adapter(kind).validate_json(text)
 
-    return TypeAdapter(kind).validate_json(text)
+
+@cache
+def _adapter(kind: Any) -> Any:
+    from pydantic import TypeAdapter  # takes a while
+
+    return TypeAdapter(kind)
 
 
 def or_null(number: float) -> float | None:

@@ -12,7 +12,7 @@
   const MARGIN = 42;
   let chosen = data.softest[0];
 
-  const short = (value) => (Number.isFinite(value) ? Number(value.toPrecision(3)).toString() : "no limit");
+  const short = (value) => (Number.isFinite(value) ? Number(value.toPrecision(4)).toString() : "no limit");
   const color = (part) => {
     const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1);
     const i = Math.min(Math.floor(at), VIRIDIS.length - 2);
