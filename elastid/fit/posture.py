@@ -13,7 +13,7 @@ from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.posture_model import Axes, Estimated, JointLoop, Motors, Ports, PostureModel
+from elastid.linear.posture_model import Axes, Doubt, Estimated, JointLoop, Motors, Ports, PostureModel
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.loop_closure import null_space
@@ -73,19 +73,20 @@ class Family:
     @classmethod
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: ParameterSet, x: FloatArray, covariance: FloatArray,
-        asked: Asked, where: str = "",
+        asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
     ) -> Family:  # fmt: skip
         """Of a fit; StudyError for places that the robot lacks.  where: the configuration whose parameters count."""
         robot, frame = _with_frames(robot, asked)
         held = replace(robot, payload=asked.payload) if isinstance(asked.payload, Payload) else robot
-        linearisation = Linearisation.of_robot(held, spec, parameters.names)
+        members = (name for doubt in doubts for name in doubt.members)
+        linearisation = Linearisation.of_robot(held, spec, (*parameters.names, *members))
         names = (*linearisation.model.parameters, DELAY)
         carried = set(held.payload.numbers) if isinstance(asked.payload, Payload) and held.payload else set()
         known = [name in parameters.names and name not in carried for name in names]
         rows = np.flatnonzero(known)
         places_of = np.array([parameters.names.index(names[row]) for row in rows], np.int64)
         base = np.append(linearisation.model.theta, 0.0)
-        estimated = Estimated(parameters, x, covariance, base, rows, places_of, where)
+        estimated = Estimated(parameters, x, covariance, names, base, rows, places_of, where, doubts)
         inputs = asked.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = asked.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])

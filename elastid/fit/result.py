@@ -19,7 +19,7 @@ from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.posture_model import Axes, Motors, PostureModel
+from elastid.linear.posture_model import Axes, Doubt, Motors, PostureModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration, Motion
@@ -412,22 +412,27 @@ class FitResult:
                 "STUDY`), or `elastid.identify(...)`"
             )
         spec = self.equations or ModelSpec()
-        return Family.of(self.robot, spec, self.parameters, self.x, self.covariance_of_prediction, asked, where)
+        known = self.parameters, self.x, self.covariance_of_prediction
+        return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
     @property
     def covariance_of_prediction(self) -> FloatArray:
-        """`covariance`, widened where the model is wrong: times the square of residuals over their noise.
+        """`covariance`, times the square of residuals over their noise where the model is wrong."""
+        return self.covariance * self.model_error**2 if self.exceeds_noise else self.covariance
 
-        The change that the first number held by the fit, freed for a step, would make is added as an error of its own.
-        """
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Where the model is wrong, the numbers that would explain it, as errors as large as their steps."""
         if not self.exceeds_noise:
-            return self.covariance
-        wide = self.covariance * self.model_error**2
-        leading = [index for index in self.indices if index.place == 1] or list(self.indices[:1])
-        for index in leading:
-            shift = np.nan_to_num(index.effects, posinf=0.0, neginf=0.0)
-            wide = wide + np.outer(shift, shift)
-        return wide
+            return ()
+        leading = [index for index in self.indices if index.place] or list(self.indices[:1])
+        return tuple(
+            Doubt(
+                np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members, tuple(index.steps.tolist()),
+                index.log,
+            )
+            for index in leading
+        )  # fmt: skip
 
     @property
     def correlation(self) -> FloatArray:

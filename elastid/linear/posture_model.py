@@ -43,26 +43,80 @@ class JointLoop:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimated:
-    """theta (n_theta,) of a linear model as a function of x (n_x,), of covariance (n_x, n_x).
+class Doubt:
+    """An explanation of a misfit, as an error of unit variance: numbers that the fit held move by their steps.
 
-    base (n_theta,): numbers that are no parameters of the fit.  rows, places: which are, and where in its theta.
-    where: the configuration whose parameters count.
+    effects (n_x,): and with them the parameters.  members: the numbers; steps of each, of its logarithm where `log`.
+    """
+
+    effects: FloatArray
+    members: tuple[str, ...]
+    steps: tuple[float, ...]
+    log: tuple[bool, ...]
+
+    def moved(self, name: str, value: float, size: float) -> float:
+        """The number of a member at so many steps."""
+        i = self.members.index(name)
+        return value * float(np.exp(size * self.steps[i])) if self.log[i] else value + size * self.steps[i]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the sizes of doubts.
+
+    fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
+    parameters of the fit.  rows, places: which are, and where in its theta.  where: the configuration whose parameters
+    count.
     """
 
     parameters: ParameterSet
-    x: FloatArray
-    covariance: FloatArray
+    fit_x: FloatArray
+    fit_covariance: FloatArray
+    names: tuple[str, ...]
     base: FloatArray
     rows: IntArray
     places: IntArray
     where: str = ""
+    doubts: tuple[Doubt, ...] = ()
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """The estimate (n_x + n_d,)."""
+        return np.append(self.fit_x, np.zeros(len(self.doubts)))
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of x (n_x + n_d, n_x + n_d)."""
+        n, whole = len(self.fit_x), np.eye(len(self.x))
+        whole[:n, :n] = self.fit_covariance
+        return whole
 
     def theta(self, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) at x (n_x,), SI."""
-        theta = self.base.copy()
-        theta[self.rows] = self.parameters.expand(x, self.where)[self.places]
+        """theta (n_theta,) at x (n_x + n_d,), SI."""
+        n, theta = len(self.fit_x), self.base.copy()
+        own = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
+        theta[self.rows] = self.parameters.expand(own, self.where)[self.places]
+        for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
+            for name in doubt.members:
+                if name in self.names:
+                    row = self.names.index(name)
+                    theta[row] = doubt.moved(name, float(theta[row]), size)
         return theta
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """d theta / d x (n_theta, n_x + n_d) at the estimate."""
+        slopes = np.zeros((len(self.base), len(self.x)))
+        of_x = self.parameters.jacobian(self.fit_x, self.where)[self.places]
+        slopes[self.rows, : len(self.fit_x)] = of_x
+        theta = self.theta(self.x)
+        for column, doubt in enumerate(self.doubts, start=len(self.fit_x)):
+            slopes[self.rows, column] = of_x @ doubt.effects
+            for name, step, is_log in zip(doubt.members, doubt.steps, doubt.log, strict=True):
+                if name in self.names:
+                    row = self.names.index(name)
+                    slopes[row, column] += step * theta[row] if is_log else step
+        return slopes
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,10 +44,16 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     places = [result.parameters.names.index(name) for name in names]
     values, robots, refused = [], [], 0
     exact = replace(result.robot, tolerances="exact")
-    for x in _draws(result.x, covariance, seed):
+    for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
+        for size, doubt in zip(sizes, result.doubts, strict=True):
+            x = x + size * doubt.effects
         theta = result.parameters.expand(x, configuration)
         numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
         numbers.pop(DELAY, None)
+        for size, doubt in zip(sizes, result.doubts, strict=True):
+            numbers |= {
+                name: doubt.moved(name, numbers[name], float(size)) for name in doubt.members if name in numbers
+            }
         try:
             robots.append(exact.with_parameters(numbers))
         except ValueError:
@@ -65,7 +71,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
 
 
-def _draws(x: FloatArray, covariance: FloatArray, seed: int) -> Iterator[FloatArray]:
+def _draws(x: FloatArray, covariance: FloatArray, doubts: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
     axes, rng = principal_axes(covariance), np.random.default_rng(seed)
     while True:
-        yield x + rng.standard_normal(len(axes)) @ axes
+        yield x + rng.standard_normal(len(axes)) @ axes, rng.standard_normal(doubts)

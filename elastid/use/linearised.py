@@ -21,6 +21,7 @@ from elastid.fit.posture import Family
 from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.linear.posture_model import PostureModel
+from elastid.model.closed_posture import followed
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 from elastid.robot import FRAME_AXES
@@ -75,10 +76,9 @@ class ManyPostures:
     def _moved(self) -> tuple[Any, FloatArray]:
         """Rows of theta that x moves, and of_x (n_k, n_d)."""
         known = self.family.estimated
-        slopes = known.parameters.jacobian(known.x, known.where)[known.places]
         axes = principal_axes(known.covariance)
-        moves = np.any(slopes, axis=1)
-        return known.rows[moves], slopes[moves] @ axes.T
+        moves = np.any(known.slopes, axis=1)
+        return np.flatnonzero(moves), known.slopes[moves] @ axes.T
 
     @cached_property
     def _functions(self) -> tuple[_Dense, _Dense]:
@@ -117,9 +117,11 @@ class ManyPostures:
     def _serial(self, angles: FloatArray) -> Linearised:
         model, (balance, linearised) = self.family.model, self._functions
         free, places = free_coordinates(model), _places(model.n_q)
+        rigid = followed(model.robot_at(self.family.theta), angles)
         q = np.zeros((len(angles), model.n_q))
-        for motor, joint, column in zip(model.inputs, self.family.robot.driven_indices, angles.T, strict=True):
-            q[:, model.index(motor)] = q[:, joint] = column
+        q[:, : rigid.shape[1]] = rigid
+        for motor, column in zip(model.inputs, angles.T, strict=True):
+            q[:, model.index(motor)] = column
         open_ = np.arange(len(q))
         for _ in range(LIMITS.steps):
             gradient, K = balance(q[open_])
@@ -140,7 +142,7 @@ class ManyPostures:
         )
         dJ = slopes[:, :, 3 * n_t :].reshape(len(q), -1, n, 6).transpose(0, 1, 3, 2)[:, :, :, free]
         stable = np.linalg.eigvalsh(square[2])[:, 0] > 0
-        deflected = np.abs(q[:, : len(self.family.robot.joints)] - self._undeflected(angles)).max(axis=1)
+        deflected = np.abs(q[:, : rigid.shape[1]] - rigid).max(axis=1)
         found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection)
         poses = self._poses(q[:, : len(self.family.robot.joints)])
         J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
@@ -148,11 +150,6 @@ class ManyPostures:
         b = b.reshape(len(q), n, -1).transpose(0, 2, 1)[:, :, free]
         M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (*square, J, dM, dD, dK, dJ))
         return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, poses.position[found], c[found], b[found])
-
-    def _undeflected(self, angles: FloatArray) -> FloatArray:
-        q = np.zeros((len(angles), len(self.family.robot.joints)))
-        q[:, list(self.family.robot.driven_indices)] = angles
-        return q
 
     def _poses(self, q: FloatArray) -> _Poses:
         poses = frame_poses(self.family.model.robot_at(self.family.theta), q, self.family.frame)

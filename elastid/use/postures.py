@@ -27,7 +27,7 @@ from elastid.robot import Robot
 class InverseLimits:
     """Numbers of the inverse kinematics; a pose that is not reached is said, which is no judgement of data."""
 
-    seeds: int = 2000  # random postures among which each pose finds its start
+    seeds: int = 2000  # random postures among which each pose finds its start; of a linkage a tenth, which take longer
     starts: int = 3
     steps: int = 60
     damping: float = 1e-3  # of the largest eigenvalue of J^T J
@@ -60,6 +60,10 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
     return np.asarray(drawn[:count])
 
 
+def _seeds(robot: Robot, seed: int) -> FloatArray:
+    return random_postures(robot, INVERSE.seeds // (10 if robot.loops else 1), seed)
+
+
 def _closed(robot: Robot, angles: FloatArray) -> BoolArray:
     if not robot.loops:
         return np.ones(len(angles), bool)
@@ -69,7 +73,7 @@ def _closed(robot: Robot, angles: FloatArray) -> BoolArray:
 
 def grid_postures(robot: Robot, frame: str, points: int = GRID_POINTS, seed: int = 0) -> FloatArray:
     """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
-    seeds = random_postures(robot, INVERSE.seeds, seed)
+    seeds = _seeds(robot, seed)
     reached = frame_poses(robot, followed(robot, seeds), frame).position
     low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = float((high - low).max()) / max(points - 1, 1)
@@ -95,7 +99,7 @@ def inverse_kinematics(
     one branch as long as it can.
     """
     low, high = limits_of(robot).T
-    seeds = random_postures(robot, INVERSE.seeds, seed)
+    seeds = _seeds(robot, seed)
     there = frame_poses(robot, followed(robot, seeds), frame)
     best, error = np.zeros((len(position), len(low))), np.full(len(position), np.inf)
     away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
