@@ -16,9 +16,11 @@ from elastid.report.figures import responses
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
+from elastid.report.figures.workspace import workspace_figure
 from elastid.response import FrequencyResponse, in_quantity
+from elastid.use.map import WorkspaceMap
 
-__all__ = ["bode", "friction_curve", "parameters"]
+__all__ = ["bode", "friction_curve", "parameters", "workspace"]
 
 
 @own_style()
@@ -73,6 +75,17 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
     if law is None:
         raise ValueError(f"the data identify no law of friction over speed of joint {joint}: {result.message}")
     return curve_figure(law)
+
+
+@own_style()
+def workspace(mapped: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
+    """A map from above and from the side, coloured by a quantity, the softest posture marked.
+
+    UnknownNameError for a quantity that no map has.
+    """
+    check_kind(mapped, WorkspaceMap, "mapped", "map_workspace makes one")
+    index_of(quantity, [each.name for each in mapped.quantities], "quantity")
+    return workspace_figure(mapped, quantity)
 
 
 def __dir__() -> list[str]:

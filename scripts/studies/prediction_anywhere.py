@@ -11,6 +11,9 @@ stiffness, natural frequencies, response of the tool, limiting depth of cut.
 - right: the robot's file holds the true masses and lengths.
 - file: it is off within its tolerances.
 - misfit: the mass of the fore arm is 6 % off and said to be exact.
+- missing: the bending of the upper arm, joint 2x, is said to be rigid.
+
+Weights have no floor: the noise is the only error of the responses.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ TOOL = (1.0, 0.0, 0.10)
 LINES = np.concatenate([np.linspace(2, 40, 60), np.linspace(42, 60, 10)])
 ASKED = np.linspace(2, 60, 120)
 NOISE = 3e-3  # of the largest element on a line
+CASES = ("right", "file", "misfit", "missing")
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
 
 
@@ -190,8 +194,9 @@ def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[e
         other |= {name: value * np.exp(0.05 * rng.standard_normal()) for name, value in motors}
     if case == "misfit":
         other["m_fore_arm"] = 1.06 * nominal.parameters()["m_fore_arm"][0]
+    given = {"k_2x": 1e3 * nominal.parameters()["k_2x"][0]} if case == "missing" else {}
     tolerances = Tolerances(length="exact", angle="exact") if case == "file" else "exact"
-    return nominal.with_parameters(truth | other), replace(nominal, tolerances=tolerances)
+    return nominal.with_parameters(truth | other), replace(nominal.with_parameters(given), tolerances=tolerances)
 
 
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
@@ -202,7 +207,10 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     true_robot, given = described(case, nominal, rng)
     true = outside_of(true_robot)
     free = {"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(), "fm_*": ei.ParameterSpec()}
-    result = ei.identify(measured(true, rng), given, ei.FitSpec(parameters=free, starts=2, seed=seed))
+    if case == "missing":
+        free |= {f"{kind}_2x": ei.ParameterSpec(fixed=True) for kind in "kd"}
+    spec = ei.FitSpec(parameters=free, starts=2, seed=seed, weights=ei.WeightSpec(floor=0.0))
+    result = ei.identify(measured(true, rng), given, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):
         C, freq_hz, G = true.tool(angles)
@@ -230,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--fits", type=int, default=0)
-    parser.add_argument("--cases", nargs="+", default=["right", "file", "misfit"])
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES)
     options = parser.parse_args()
     fits, count = (options.fits or 3, 4) if options.quick else (options.fits or 20, 10)
     summary: dict[str, dict[str, float]] = {}

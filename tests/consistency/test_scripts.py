@@ -51,6 +51,9 @@ def test_examples_3_and_4_fit_what_python_control_has_measured() -> None:
     assert result.values == pytest.approx(result.values | {"k_1": 3e3, "d_1": 4.0}, rel=1e-6)
     assert result.status == "noise_unknown"
     assert example("ex04_controller_on_the_fitted_model")["gain_margin"] == pytest.approx(10, rel=0.01)
+    mill = example("ex17_where_can_i_mill")
+    assert mill["soft"] / mill["stiff"] == pytest.approx(3.25, rel=0.03)
+    assert mill["gain"] == pytest.approx(25.3, rel=0.05)
 
 
 @pytest.mark.slow
