@@ -13,12 +13,12 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import StudyError
-from elastid.fit.posture import Asked, Family
+from elastid.fit.posture import Family
 from elastid.report.page.page_of_map import write_page_of_map
 from elastid.store.files import keep_checksums
 from elastid.store.results import read_fit, write_map, write_map_table
 from elastid.use.compliance import Cut
-from elastid.use.map import WorkspaceMap, map_family
+from elastid.use.map import WorkspaceMap, family_of_map, map_family
 from elastid.use.postures import grid_postures, random_postures, read_path
 
 RESULTS = ("map.h5", "map.csv", "map.html", "map.png")
@@ -63,7 +63,7 @@ def map_study(
     run.require_result("fit")
     result = read_fit(run.path("fit"))
     with logged_in(run.folder, run.jobs, run.console):
-        family = result.family(Asked(frame=frame))
+        family = family_of_map(result, frame)
         angles = postures.angles(run, family)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
         name = run.study.name

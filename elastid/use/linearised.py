@@ -1,6 +1,6 @@
 r"""The fitted robot about many postures at once: matrices of what can move, and their slopes to the parameters.
 
-Serial robots with linear springs: one CasADi function of q with the fitted numbers folded in, Newton's method for all
+Serial robots, and loops of elastic rods, with linear springs: one CasADi function of q with the fitted numbers folded in, Newton's method for all
 postures side by side; slopes about the equilibrium as it is. All others: `Family.at`, posture by posture.
 """
 
@@ -67,8 +67,10 @@ class ManyPostures:
 
     @property
     def is_serial(self) -> bool:
-        """True where one function serves all postures."""
-        robot = self.family.robot
+        """True where one function serves all postures: the equilibrium moves little with the parameters."""
+        robot, names = self.family.robot, self.family.estimated.names
+        if robot.loops and any(names[row] in robot.geometry for row in self._moved[0]):
+            return False  # a length moves the joints that the loops carry along
         linear = all(joint.spring is None or joint.spring.is_linear for joint in robot.joints)
         return self.family.model.n_c == 0 and linear and not any(box.is_in_series for box in robot.gearboxes)
 
@@ -76,7 +78,10 @@ class ManyPostures:
     def _moved(self) -> tuple[Any, FloatArray]:
         """Rows of theta that x moves, and of_x (n_k, n_d)."""
         known = self.family.estimated
-        axes = principal_axes(known.covariance)
+        # What nothing constrains counts with a standard deviation of 100, of a logarithm mostly.
+        unreached = np.isinf(np.diag(known.covariance))
+        finite = np.where(unreached[:, None] | unreached, 0.0, known.covariance) + 1e4 * np.diag(unreached)
+        axes = principal_axes(finite)
         moves = np.any(known.slopes, axis=1)
         return np.flatnonzero(moves), known.slopes[moves] @ axes.T
 
@@ -117,6 +122,8 @@ class ManyPostures:
     def _serial(self, angles: FloatArray) -> Linearised:
         model, (balance, linearised) = self.family.model, self._functions
         free, places = free_coordinates(model), _places(model.n_q)
+        if not free.size:
+            self.family.at(Configuration("posture", angles[0]))  # which says why
         rigid = followed(model.robot_at(self.family.theta), angles)
         q = np.zeros((len(angles), model.n_q))
         q[:, : rigid.shape[1]] = rigid

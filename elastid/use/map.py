@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
@@ -9,6 +11,7 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import FitResult
+from elastid.model.spec import ModelSpec
 from elastid.use.compliance import QUANTITIES, Cut, answers
 from elastid.use.linearised import ManyPostures
 
@@ -107,8 +110,18 @@ def map_workspace(
     frame: by default `tool`, else the last one.  lines_hz (F,): by default LINES of them over the modes.
     """
     cut = cut or Cut()
-    family = result.family(Asked(frame=frame))
+    family = family_of_map(result, frame)
     return map_family(family, angles, cut, lines_hz, name or family.robot.name, is_path)
+
+
+def family_of_map(result: FitResult, frame: str | None = None) -> Family:
+    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
+    asked = Asked(frame=frame)
+    family = result.family(asked)
+    if family.model.n_c:
+        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
+        return minimal if minimal.model.n_c == 0 else family
+    return family
 
 
 def map_family(

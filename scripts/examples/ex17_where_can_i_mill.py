@@ -41,4 +41,5 @@ if __name__ == "__main__":
     print(f"softest direction {stiff:.2f} to {soft:.2f} um/N, std {100 * depth.relative_std.max():.2g} % or less")
     print(f"a good posture takes {gain:.1f} times the depth of cut of a bad one")
     print(tool.stiffness(), tool.modes(), sep="\n")
-    ei.plot.workspace(workspace, "depth_of_cut").savefig("ex17.png")
+    figure = ei.plot.workspace(workspace, "depth_of_cut")
+    figure.savefig("ex17.png")

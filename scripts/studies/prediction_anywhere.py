@@ -26,13 +26,14 @@ from pathlib import Path
 import numpy as np
 
 import elastid as ei
+from elastid.fit.identify import fit_parameters
 from elastid.robot import Frame, Placement, Tolerances
 from elastid.use.postures import random_postures
 
 HERE = Path(__file__).parents[2]
 TOOL = (1.0, 0.0, 0.10)
 LINES = np.concatenate([np.linspace(2, 40, 60), np.linspace(42, 60, 10)])
-ASKED = np.linspace(2, 60, 120)
+ASKED = np.linspace(2, 60, 60)
 NOISE = 3e-3  # of the largest element on a line
 CASES = ("right", "file", "misfit", "missing")
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
@@ -209,8 +210,10 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     free = {"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(), "fm_*": ei.ParameterSpec()}
     if case == "missing":
         free |= {f"{kind}_2x": ei.ParameterSpec(fixed=True) for kind in "kd"}
-    spec = ei.FitSpec(parameters=free, starts=2, seed=seed, weights=ei.WeightSpec(floor=0.0))
-    result = ei.identify(measured(true, rng), given, spec)
+    spec = ei.FitSpec(parameters=free, starts=1, seed=seed, weights=ei.WeightSpec(floor=0.0))
+    # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
+    fit = ei.identify if case in ("misfit", "missing") else fit_parameters
+    result = fit(measured(true, rng), given, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):
         C, freq_hz, G = true.tool(angles)

@@ -18,7 +18,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
     own = workspace[quantity]
     unit, factor = SHOWN[own.unit]
     value = factor * np.where(np.isfinite(own.value), own.value, np.nan)
-    figure, axes = style.panels(1, 2, (style.WIDE, 4.2), (0.7, 1.1, 0.6, 0.6), (0.25, 0.0))
+    figure, axes = style.panels(1, 2, (style.WIDE, 4.2), (0.7, 0.3, 0.6, 0.6), (0.25, 0.0))
     finite = value[np.isfinite(value)]
     if not finite.size:
         finite = np.array([0.0, 1.0])
@@ -32,7 +32,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         axes[0], ((x, y), (np.hypot(x, y), z)), (("x", "y"), ("√(x² + y²)", "z")), strict=True
     ):
         dots = ax.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm, linewidths=0)
-        ax.plot(a[soft], b[soft], "o", mfc="none", mec=style.FITTED, ms=9, mew=1.6)
+        ax.plot(a[soft], b[soft], "o", mfc="none", mec=style.TRUTH, ms=9, mew=1.6)
         ax.set_xlabel(f"{names[0]} in m", fontsize=style.NORMAL)
         ax.set_ylabel(f"{names[1]} in m", fontsize=style.NORMAL)
         ax.set_aspect("equal", adjustable="datalim")
