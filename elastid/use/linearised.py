@@ -1,7 +1,8 @@
 r"""The fitted robot about many postures at once: matrices of what can move, and their slopes to the parameters.
 
-Serial robots, and loops of elastic rods, with linear springs: one CasADi function of q with the fitted numbers folded in, Newton's method for all
-postures side by side; slopes about the equilibrium as it is. All others: `Family.at`, posture by posture.
+Serial robots, and loops of elastic rods, with linear springs: one CasADi function of q with the fitted numbers folded
+in, Newton's method for all postures side by side; slopes about the equilibrium as it is. All others, and loops whose
+lengths are uncertain: `Family.at`, posture by posture.
 """
 
 from __future__ import annotations

@@ -10,8 +10,13 @@ from plants.fitted_models import fitted_model
 from plants.predicted_arm import result
 
 from elastid.base.propagation import propagate
+from elastid.fit.parameter_choice import choose
 from elastid.fit.posture import Asked
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.tolerances import with_tolerances
 from elastid.model.spec import ModelSpec
+from elastid.robot import Tolerances
 from elastid.use.compliance import Cut
 from elastid.use.linearised import ManyPostures
 from elastid.use.map import map_workspace
@@ -95,3 +100,21 @@ def test_a_cut_without_a_direction_or_with_a_negative_coefficient_is_refused() -
     with pytest.raises(ValueError, match="must be positive"):
         Cut(cutting_coefficient=-1.0)
     assert len(random_postures(result().robot, 7)) == 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
+def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
+    """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""
+    fitted = fitted_model(name)
+    robot = replace(fitted.model.robot, tolerances=Tolerances())
+    spec = FitSpec(parameters={"k_*": ParameterSpec()})
+    parameters = with_tolerances(choose(spec, robot), robot, spec)
+    n = len(parameters.free)
+    C = np.diag([1e-4 if p.prior is None else p.prior.std**2 for p in parameters.free]) / 9
+    ended = (1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n), "complex")
+    own = FitResult(parameters, parameters.x, C, *ended, robot=robot)
+    workspace = map_workspace(own, fitted.linear[0].configuration.angles[None], CUT, lines_hz=LINES)
+    model = own.at(fitted.linear[0].configuration.angles, axes="world")
+    assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)
+    assert workspace["frequency_1"].std[0] == pytest.approx(model.modes().freq_std[0], rel=0.05)
