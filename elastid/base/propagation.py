@@ -28,6 +28,8 @@ class PropagationLimits:
     draws: int = 400  # from which intervals are taken where slopes do not suffice
     numbers: int = 2000  # of normal numbers, for quantiles where slopes do
     unreached_step: float = 1e-4  # of x along a direction of which nothing is known
+    slope_step: float = 0.5  # of x, at most, over which a slope is taken
+    draw: float = 2.0  # of x, at most, by which a draw is off: of a logarithm a factor of 7
 
 
 LIMITS = PropagationLimits()
@@ -51,7 +53,7 @@ class Spread:
         """E|dy|^2 ^ 1/2 (...), infinite where unknown."""
         power = np.sum(np.abs(self.errors) ** 2, axis=0)
         known = np.sqrt(power if self.by == "linearisation" else power / max(len(self.errors), 1))
-        return np.where(self.unknown, np.inf, known)
+        return np.where(self.unknown | np.isnan(known), np.inf, known)
 
     def radii(self, level: float = LEVEL) -> tuple[FloatArray, FloatArray]:
         """Of y (F, n_y, n_u): distances (F, n_y, n_u) within which the truth is with probability `level`.
@@ -68,7 +70,8 @@ class Spread:
             if ratio.size:
                 pointwise[:, i, j] *= np.quantile(ratio, level, axis=0)
                 together[:, i, j] *= np.quantile(ratio.max(axis=1), level)
-        return pointwise, together
+        known = np.isfinite(std)
+        return np.where(known, pointwise, np.inf), np.where(known, together, np.inf)
 
 
 def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: FloatArray) -> Spread:
@@ -76,7 +79,10 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     value = np.asarray(function(x))
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
-    shifts = [(np.asarray(function(x + axis)) - function(x - axis)) / 2 for axis in axes]
+    # A number that is hardly known at all has the slope at the estimate, not that across absurd robots.
+    parts = [min(1.0, LIMITS.slope_step / float(np.abs(axis).max())) for axis in axes]
+    steps = zip(axes, parts, strict=True)
+    shifts = [(np.asarray(function(x + h * axis)) - function(x - h * axis)) / (2 * h) for axis, h in steps]
     unknown = np.zeros(value.shape, bool)
     size = np.abs(value).max(initial=1e-300)
     for i in np.flatnonzero(unreached):
@@ -87,7 +93,8 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 
     def drawn(count: int) -> tuple[FloatArray, Any]:
         normal = rng.standard_normal((count, len(axes)))
-        return normal, np.array([np.asarray(function(x + own @ axes)) - value for own in normal])
+        off = np.clip(normal @ axes, -LIMITS.draw, LIMITS.draw)
+        return normal, np.array([np.asarray(function(x + own)) - value for own in off])
 
     if len(axes):
         normal, actual = drawn(LIMITS.checks)

@@ -240,7 +240,8 @@ class PostureModel:
             own = nominal if x is self.estimated.x else self._modes_at(x)
             poles = _poles(own)
             order = [int(np.argmin(np.abs(poles - pole))) for pole in _poles(nominal)] if len(poles) else []
-            order = order if len(order) == count else [0] * count
+            if len(order) < count:  # nothing swings with numbers so far off
+                return np.full((2 + len(Z), count), np.nan, complex)
             shapes = self._shapes(own)[:, order]
             scale = np.sum(self._shapes(nominal).conj() * shapes, axis=0) if count else np.ones(0)
             turned = shapes * np.where(np.abs(scale) > 0, np.abs(scale) / np.where(scale == 0, 1, scale), 1)

@@ -54,7 +54,7 @@ class Cut:
         return n / np.linalg.norm(n), f / np.linalg.norm(f)
 
 
-# Quantities of a posture: unit, whether smaller is stiffer, meaning.
+# Quantities of a posture: unit and meaning.
 QUANTITIES: dict[str, tuple[str, str]] = {
     "softest_compliance": ("m/N", "static compliance in the softest direction"),
     "compliance_x": ("m/N", "static compliance along x of the base"),

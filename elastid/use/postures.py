@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -239,11 +238,3 @@ def _bare(head: str) -> str:
 def _unit(head: str) -> str:
     match = re.search(r"(deg|degrees?|rad|m)\s*[\])]?$", head)
     return match[1] if match else ""
-
-
-def as_angles(rows: Sequence[Sequence[float]], robot: Robot) -> FloatArray:
-    """Postures given as numbers (Q, n_u); StudyError for another count."""
-    angles = np.atleast_2d(np.asarray(rows, float))
-    if refused := robot.count_refusal(angles.shape[1]):
-        raise StudyError(f"postures: {refused}")
-    return angles

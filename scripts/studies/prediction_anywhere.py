@@ -246,7 +246,11 @@ def main() -> None:
     fits, count = (options.fits or 3, 4) if options.quick else (options.fits or 20, 10)
     summary: dict[str, dict[str, float]] = {}
     for case in options.cases:
-        ends = [one_fit(case, seed, count) for seed in range(fits)]
+        ends = []
+        for seed in range(fits):
+            ends.append(one_fit(case, seed, count))
+            shares = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
+            print(f"  {case}, fit {seed}: {', '.join(shares)}", flush=True)
         own = {}
         for key in ends[0]:
             values = np.concatenate([end[key] for end in ends])
