@@ -21,7 +21,7 @@ from elastid.model.loop_closure import null_space
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
-from elastid.robot import BASE, FRAME_AXES, TOOL, Frame, Payload, Placement, Robot
+from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Placement, Robot
 from elastid.simulation.controller import tune
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
@@ -197,13 +197,18 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
     return Configuration("posture", angles)
 
 
-def default_frame(robot: Robot) -> Frame | str:
-    """The frame `tool`, else the last frame, else one at the last body's centre of mass."""
+def default_frame(robot: Robot) -> str:
+    """The frame `tool`, else the last frame; of a robot without frames the one that is made for it."""
     names = [frame.name for frame in robot.frames]
-    if names:
-        return TOOL if TOOL in names else names[-1]
+    return TOOL if TOOL in names or not names else names[-1]
+
+
+def _made_frame(robot: Robot, name: str) -> Frame | None:
+    """A frame for a name that no frame has: of a body, or `tool` at the last body's centre of mass."""
+    if name in [body.name for body in robot.bodies]:
+        return Frame(name, name)
     last = robot.bodies[-1]
-    return Frame(TOOL, last.name, Placement(last.center_of_mass))
+    return Frame(TOOL, last.name, Placement(last.center_of_mass)) if name == TOOL else None
 
 
 def _frame_of(place: str) -> str:
@@ -228,14 +233,15 @@ def _with_frames(robot: Robot, asked: Asked) -> tuple[Robot, str]:
     if isinstance(frame, Frame):
         others = tuple(each for each in robot.frames if each.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
-    known = [each.name for each in robot.frames]
-    bodies = [body.name for body in robot.bodies]
     for name in dict.fromkeys([frame, *map(_frame_of, (*asked.inputs, *asked.outputs))]):
-        if name in bodies and name not in known:
-            robot = replace(robot, frames=(*robot.frames, Frame(name, name)))
-        elif name and name not in known:
-            there = [name for name in (*known, *bodies) if name != BASE]
+        known = [each.name for each in robot.frames]
+        if not name or name in known:
+            continue
+        made = _made_frame(robot, name)
+        if made is None:
+            there = [*known, *(body.name for body in robot.bodies)]
             raise StudyError(f"robot {robot.name} has no frame {name}; {did_you_mean(name, there)}")
+        robot = replace(robot, frames=(*robot.frames, made))
     return robot, frame
 
 
