@@ -22,7 +22,7 @@ from elastid.fit.posture import Family
 from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.linear.posture_model import PostureModel
-from elastid.model.closed_posture import followed
+from elastid.model.closed_posture import are_closed, followed
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 from elastid.robot import FRAME_AXES
@@ -125,7 +125,8 @@ class ManyPostures:
         free, places = free_coordinates(model), _places(model.n_q)
         if not free.size:
             self.family.at(Configuration("posture", angles[0]))  # which says why
-        rigid = followed(model.robot_at(self.family.theta), angles)
+        robot = model.robot_at(self.family.theta)
+        rigid = followed(robot, angles)
         q = np.zeros((len(angles), model.n_q))
         q[:, : rigid.shape[1]] = rigid
         for motor, column in zip(model.inputs, angles.T, strict=True):
@@ -151,7 +152,7 @@ class ManyPostures:
         dJ = slopes[:, :, 3 * n_t :].reshape(len(q), -1, n, 6).transpose(0, 1, 3, 2)[:, :, :, free]
         stable = np.linalg.eigvalsh(square[2])[:, 0] > 0
         deflected = np.abs(q[:, : rigid.shape[1]] - rigid).max(axis=1)
-        found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection)
+        found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection) & are_closed(robot, rigid)
         poses = self._poses(q[:, : len(self.family.robot.joints)])
         J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
         of_x = self._moved[1][: slopes.shape[1]]

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.model.closed_posture import followed, mechanism, rates
+from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
 
@@ -53,7 +53,8 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
     low, high = limits_of(robot).T
     rng = np.random.default_rng(seed)
     drawn = low + rng.random((count * (5 if robot.loops else 1), len(low))) * (high - low)
-    drawn = drawn[_closed(robot, drawn)]
+    if robot.loops:
+        drawn = drawn[are_closed(robot, followed(robot, drawn))]
     if not len(drawn):
         raise StudyError(f"robot {robot.name}: its loops close in no posture within the limits of its joints")
     return np.asarray(drawn[:count])
@@ -61,13 +62,6 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
     return random_postures(robot, INVERSE.seeds // (10 if robot.loops else 1), seed)
-
-
-def _closed(robot: Robot, angles: FloatArray) -> BoolArray:
-    if not robot.loops:
-        return np.ones(len(angles), bool)
-    phi, _ = mechanism(robot).rows(followed(robot, angles))
-    return np.asarray(np.abs(phi).max(axis=1) < 1e-9)
 
 
 def grid_postures(robot: Robot, frame: str, points: int = GRID_POINTS, seed: int = 0) -> FloatArray:

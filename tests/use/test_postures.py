@@ -9,8 +9,8 @@ import pytest
 from plants.fitted_models import fitted_model
 from plants.predicted_arm import robot
 
-from elastid.base.errors import DataError
-from elastid.model.closed_posture import followed
+from elastid.base.errors import DataError, StudyError
+from elastid.model.closed_posture import are_closed, assembled, followed
 from elastid.model.kinematics import frame_poses
 from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
 
@@ -72,3 +72,18 @@ def test_a_grid_fills_the_workspace_evenly() -> None:
     gaps = np.linalg.norm(at[:, None] - at[None], axis=2)[np.triu_indices(len(at), 1)]
     longest = np.ptp(frame_poses(own, followed(own, random_postures(own, 2000)), "quill").position, axis=0).max()
     assert gaps.min() == pytest.approx(longest / 5, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_random_postures_of_a_linkage_are_closed_and_none_is_about_to_fold_over() -> None:
+    """As a single posture is judged; some of those that are drawn are refused."""
+    own = fitted_model("irb4400_linkage minimal").model.robot
+    for angles in random_postures(own, 25, 1):
+        assembled(own, angles)
+    low, high = limits_of(own).T
+    drawn = np.random.default_rng(1).uniform(low, high, (200, len(low)))
+    joints = followed(own, drawn)
+    for angles, is_closed in zip(drawn[:25], are_closed(own, joints)[:25], strict=True):
+        if not is_closed:
+            with pytest.raises(StudyError):
+                assembled(own, angles)
