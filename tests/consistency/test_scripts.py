@@ -51,6 +51,11 @@ def test_examples_3_and_4_fit_what_python_control_has_measured() -> None:
     assert result.values == pytest.approx(result.values | {"k_1": 3e3, "d_1": 4.0}, rel=1e-6)
     assert result.status == "noise_unknown"
     assert example("ex04_controller_on_the_fitted_model")["gain_margin"] == pytest.approx(10, rel=0.01)
+
+
+@pytest.mark.slow
+def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
+    """Three times as soft stretched as folded, and a depth of cut that differs by far more."""
     mill = example("ex17_where_can_i_mill")
     assert mill["soft"] / mill["stiff"] == pytest.approx(3.25, rel=0.03)
     assert mill["gain"] == pytest.approx(25.3, rel=0.05)

@@ -18,6 +18,7 @@ from elastid.robot import Frame, Payload, Placement
 
 ANGLES = np.array([0.2, 0.9])
 LINES = np.linspace(1.0, 60.0, 40)
+LINKAGES = ("linkage_arm constrained", "linkage_arm minimal")
 
 
 def test_tool_responses_static_compliance_and_modes_are_those_of_the_closed_form() -> None:
@@ -51,7 +52,7 @@ def test_standard_deviations_are_those_of_the_parameters() -> None:
 
 
 @pytest.mark.parametrize("motors", ["held", "free", "controlled"])
-@pytest.mark.parametrize("name", ["scara", "linkage_arm constrained", "linkage_arm minimal"])
+@pytest.mark.parametrize("name", ["scara", *(pytest.param(name, marks=pytest.mark.slow) for name in LINKAGES)])
 def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: str) -> None:
     """Serial and with loops, a sliding joint, an integral in the controller."""
     fitted = fitted_model(name)

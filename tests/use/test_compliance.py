@@ -26,7 +26,10 @@ LINES = np.geomspace(2.0, 80.0, 100)
 CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
 
 
-@pytest.mark.parametrize("name", ["arm", "scara", "linkage_arm minimal", "linkage_arm constrained"])
+@pytest.mark.parametrize(
+    "name",
+    ["arm", "scara", *(pytest.param(f"linkage_arm {of}", marks=pytest.mark.slow) for of in ("minimal", "constrained"))],
+)
 def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
     """Serial robots by one function for all postures, linkages posture by posture; values and deviations."""
     if name == "arm":
