@@ -64,6 +64,7 @@ def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: st
     np.testing.assert_allclose(model.state_space().response(LINES), G, atol=1e-9 * np.abs(G).max())
 
 
+@pytest.mark.slow
 def test_both_formulations_of_a_linkage_predict_the_same_tool() -> None:
     """Constrained and minimal, with a force that no motor can make."""
     answers = []

@@ -16,7 +16,7 @@ from elastid.use.draws import draw_robots
 
 def test_draws_scatter_as_the_fit_says_and_their_files_are_the_robots(tmp_path: Path) -> None:
     """Relative std and independence; a robot file, an MJCF and a row of the table for each."""
-    draws = draw_robots(result(), 150, seed=2)
+    draws = draw_robots(result(), 80, seed=2)
     scatter = np.std(np.log(draws.values), axis=0)
     np.testing.assert_allclose(scatter, STD, rtol=0.25)
     few = replace(draws, robots=draws.robots[:12], values=draws.values[:12])
