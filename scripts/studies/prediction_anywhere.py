@@ -14,6 +14,19 @@ stiffness, natural frequencies, response of the tool, limiting depth of cut.
 - missing: the bending of the upper arm, joint 2x, is said to be rigid.
 
 Weights have no floor: the noise is the only error of the responses.
+
+200 postures of 20 fits each, and 50 of 5 where the model is wrong (--cases misfit missing --fits 5); errors of
+compliance, natural frequencies 1 to 3 and response, median and worst in %, and the share of 95 % intervals that hold
+the truth:
+
+| case | compliance | frequencies | response | inside: compliance, frequencies, response, whole band |
+|---|---|---|---|---|
+| right | 0.007, 0.017 | 0.003, 0.020 | 0.09, 0.46 | 97.5, 96.8, 97.8, 99.3 % |
+| file | 0.018, 0.061 | 0.008, 0.074 | 0.20, 1.34 | 98.0, 94.7, 97.0, 96.3 % |
+| misfit | 1.9, 2.8 | 1.3, 2.0 | 23, 83 | 100, 100, 100, 100 % |
+| missing | 9.3, 35 | 1.5, 58 | 56, 116 | 100, 100, 99.0, 100 % |
+
+Intervals of misfits are wide: the step of what would explain it counts as one standard deviation.
 """
 
 from __future__ import annotations
