@@ -15,7 +15,7 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
      one bridge:            experiment/simulated                   fit -> validation -> report, export
                                        ^                            ^
      model wing:     robot -> model -> simulation                   |
-                                `----> linear ----------------------'
+                                `----> linear ----------------------'----> use
 
 Floors, from the top; a room imports from the floors below it only:
 
@@ -23,7 +23,8 @@ Floors, from the top; a room imports from the floors below it only:
 - nouns         the five nouns with their constructors
 - export study  models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
-- design nonlinear recorded validation  plans within limits; friction out of records; logs -> records; agreement
+- design nonlinear recorded use validation  plans within limits; friction out of records; logs -> records; maps of the
+  workspace and draws of robots; agreement
 - friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
 - experiment fit               plan and simulated rig; weights, least squares, solvers, uncertainty, diagnosis
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
@@ -74,6 +75,8 @@ if TYPE_CHECKING:
     from elastid.friction_study.spec import FrictionSpec as FrictionSpec
     from elastid.linear.fitted_model import FittedModel as FittedModel
     from elastid.linear.linearise import linearise as linearise
+    from elastid.linear.posture_model import JointLoop as JointLoop
+    from elastid.linear.posture_model import PostureModel as PostureModel
     from elastid.linear.response.transfer import frequency_response as frequency_response
     from elastid.model.formulation import formulate as formulate
     from elastid.model.formulation import serial as serial
@@ -90,11 +93,13 @@ if TYPE_CHECKING:
     from elastid.response import Covariance as Covariance
     from elastid.response import FrequencyResponse as FrequencyResponse
     from elastid.robot import Body as Body
+    from elastid.robot import Frame as Frame
     from elastid.robot import Friction as Friction
     from elastid.robot import Joint as Joint
     from elastid.robot import Loop as Loop
     from elastid.robot import Motor as Motor
     from elastid.robot import Payload as Payload
+    from elastid.robot import Placement as Placement
     from elastid.robot import Rod as Rod
     from elastid.robot import Spring as Spring
     from elastid.store.friction_study import read_friction_result as read_friction_result
@@ -110,6 +115,10 @@ if TYPE_CHECKING:
     from elastid.study import Study as Study
     from elastid.study import load_robot as load_robot
     from elastid.study import load_study as load_study
+    from elastid.use.compliance import Cut as Cut
+    from elastid.use.draws import draw_robots as draw_robots
+    from elastid.use.map import map_workspace as map_workspace
+    from elastid.use.postures import random_postures as random_postures
     from elastid.validation.agreement import validate as validate
 
 __version__ = "0.2.0"
@@ -118,7 +127,7 @@ __version__ = "0.2.0"
 _NAMES = {
     "elastid.nouns": ("Robot", "Record", "Response", "Parameters", "Result"),
     "elastid.study": ("load_study", "load_robot", "LoadedStudy", "Study"),
-    "elastid.robot": ("Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction"),
+    "elastid.robot": ("Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction", "Frame", "Placement"),
     "elastid.excitation.spec": ("MultisineSpec",),
     "elastid.experiment.specs.experiment": ("ExperimentSpec",),
     "elastid.experiment.specs.simulated": ("SimulatedSpec", "ControllerSpec"),
@@ -141,6 +150,11 @@ _NAMES = {
     "elastid.fit.identify": ("identify",),
     "elastid.fit.result": ("FitResult",),
     "elastid.linear.fitted_model": ("FittedModel",),
+    "elastid.linear.posture_model": ("PostureModel", "JointLoop"),
+    "elastid.use.postures": ("random_postures",),
+    "elastid.use.compliance": ("Cut",),
+    "elastid.use.map": ("map_workspace",),
+    "elastid.use.draws": ("draw_robots",),
     "elastid.fit.fitted_robot": ("FittedRobot",),
     "elastid.validation.agreement": ("validate",),
     "elastid.design.friction": ("design_friction",),

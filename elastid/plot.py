@@ -16,9 +16,11 @@ from elastid.report.figures import responses
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
+from elastid.report.figures.workspace import workspace_figure
 from elastid.response import FrequencyResponse, in_quantity
+from elastid.use.map import WorkspaceMap
 
-__all__ = ["bode", "friction_curve", "parameters"]
+__all__ = ["bode", "friction_curve", "parameters", "workspace"]
 
 
 @own_style()
@@ -75,6 +77,17 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
     return curve_figure(law)
 
 
+@own_style()
+def workspace(mapped: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
+    """A map from above and from the side, coloured by a quantity, the softest posture marked.
+
+    UnknownNameError for a quantity that no map has.
+    """
+    check_kind(mapped, WorkspaceMap, "mapped", "map_workspace makes one")
+    index_of(quantity, [each.name for each in mapped.quantities], "quantity")
+    return workspace_figure(mapped, quantity)
+
+
 def __dir__() -> list[str]:
     return __all__
 
@@ -86,4 +99,4 @@ def _on_dense_lines(
     low, high = measured.freq_hz[[0, -1]]
     lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))
     same = model.linear.quantity == measured.quantity
-    return model.response(lines), model.response_std(lines) if band and same else None
+    return model.response(lines, sampled=True), model.response_std(lines) if band and same else None

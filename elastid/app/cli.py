@@ -83,7 +83,7 @@ def _options(*names: str) -> Decorator:
 
 _PDF = "report.formats=[png, pdf]"
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
+_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
@@ -236,21 +236,69 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     predicting.predict(_run(study, predicting.on_logs(study, logs, options)), source)
 
 
+@cli.command(name="map")
+@_study
+@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
+@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
+@click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
+    help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
+@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (1000 if nothing is given).")
+@click.option(
+    "--load",
+    type=float,
+    nargs=3,
+    default=(0.0, 0.0, -100.0),
+    show_default=True,
+    metavar="X Y Z",
+    help="Force at the frame in N, axes of the base.",
+)
+@click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
+@click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
+@click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
+@click.option("--band", "band_hz", type=float, nargs=2, metavar="LOW HIGH", help="Lines in Hz (default: the modes).")
+@_stage_options
+def map_command(
+    study: Path, frame: str | None, path: Path | None, grid: int | None, random: int | None,
+    load: tuple[float, float, float], cutting: float, normal: tuple[float, float, float] | None,
+    force: tuple[float, float, float] | None, band_hz: tuple[float, float] | None, **options: Any,
+) -> None:  # fmt: skip
+    """Map the fitted robot over its workspace: map.html, map.csv and map.h5.
+
+    At every posture of a path, a grid or at random, with the motors held and with intervals: static compliance and its
+    softest direction, natural frequencies, largest dynamic compliance, limiting depth of cut without chatter,
+    deflection under a load, and the spring that limits it. A path is a CSV file with a column for each driven joint
+    (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
+    """
+    asked = _run(study, options)
+    from elastid.app import map as mapping
+    from elastid.use.compliance import Cut
+
+    if band_hz and not 0 < band_hz[0] < band_hz[1]:
+        raise click.UsageError(f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies above 0 Hz")
+    try:
+        cut = Cut(load, cutting, normal or None, force or None)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    mapping.map_study(asked, frame, mapping.Postures(path, grid, random), cut, band_hz or None)
+
+
 @cli.command()
 @_study
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
+@click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
 @_stage_options
-def export(study: Path, target: str, **options: Any) -> None:
+def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
-    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; observer
-    is the filter of a friction study in C; all others take the fitted model of a study of elasticity. A study without a
-    robot exports its measured responses to control, matlab, csv or uff; uff takes the responses of any study.
+    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; draws are
+    --count such robots from what the fit knows, as robot files, MJCF and a table; observer is the filter of a friction
+    study in C; all others take the fitted model of a study of elasticity. A study without a robot exports its measured
+    responses to control, matlab, csv or uff; uff takes the responses of any study.
     """
     asked = _run(study, options)
     from elastid.app.export import export as export_model
 
-    export_model(asked, target)
+    export_model(asked, target, count)
 
 
 @cli.command()

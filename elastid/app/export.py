@@ -15,6 +15,7 @@ from elastid.base.files import clear_folder
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_friction_csv, write_responses_csv
+from elastid.export.draws import write_draws
 from elastid.export.fmu import write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
@@ -22,12 +23,13 @@ from elastid.export.numbers import interval_lines
 from elastid.export.observer import Observer, write_observers
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
-from elastid.fit.fitted_robot import FittedRobot, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit
+from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
 ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
@@ -40,12 +42,14 @@ TARGETS: dict[str, Writer] = {
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
-# The targets that are no other tool's: elastid's own, and the filter of a study of friction.
-ROBOT, OBSERVER = "robot", "observer"
+# The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
+ROBOT, DRAWS, OBSERVER = "robot", "draws", "observer"
 
 
-def export(run: Run, target: str) -> tuple[Path, ...]:
+def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     """export/<target>/: the identified model for another tool; StudyError where there is no current fit.
+
+    count: of draws.
 
     Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
     """
@@ -53,6 +57,8 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
         return _export_friction(run, target)
     if target == OBSERVER:
         raise StudyError(f"study {run.study.name} identifies no friction, and an observer follows friction")
+    if target == DRAWS and run.study.robot is not None:
+        return _export_draws(run, count)
     if run.study.robot is None or target not in (*TARGETS, ROBOT):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
@@ -67,6 +73,25 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
     return _reported(run, paths)
+
+
+def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
+    run.require_result("fit")
+    result = read_fit(run.path("fit"))
+    folder = clear_folder(run.folder, "export", DRAWS)
+    paths: list[Path] = []
+    groups = robots_by_group(result, run.study.as_robot(), result.configurations)
+    for label, (_, members) in groups.items():
+        draws = draw_robots(result, count, run.study.seed or 0, members[0])
+        written, lacking = write_draws(folder / file_name(label), draws, run.study.name)
+        paths += written
+        if lacking:
+            run.console.warn(f"export: no MJCF of the draws: {lacking}")
+        if draws.held:
+            run.console.warn(f"export: the data do not reach {', '.join(draws.held)}, which all draws share")
+    if result.status not in TRUSTED:
+        run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+    return _reported(run, tuple(paths))
 
 
 def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:

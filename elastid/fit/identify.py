@@ -150,6 +150,8 @@ def _estimate(
         weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts),
         repeated=uncertainty.repeated,
+        robot=assembly.linearisation.model.robot,
+        equations=assembly.model,
     )
     return optimum, uncertainty, result
 

@@ -12,58 +12,20 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
-from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.errors import Named, StudyError, UnknownNameError, index_of
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
+from elastid.fit.modification_index import ModificationIndex as ModificationIndex
+from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.posture_answers import Axes
+from elastid.linear.posture_model import Doubt, Motors, PostureModel
+from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration
-
-
-@frozen_value
-class ModificationIndex:
-    """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
-
-    name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
-    members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
-    steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
-    drop: of V.  share: of what V has beyond the noise.  effects (n_x,): implied change of each free parameter, in x.
-    alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
-    sequence in which each is freed after those before it, with the further share that it explains.
-    """
-
-    name: str
-    group: str
-    members: tuple[str, ...]
-    values: FloatArray = labelled("values at which the numbers were held", "SI")
-    units: tuple[str, ...]
-    log: tuple[bool, ...]
-    steps: FloatArray = labelled("their changes, of ln p where log")
-    std: float
-    drop: float = labelled("decrease of V")
-    share: float = labelled("share of the excess of V over the noise")
-    effects: FloatArray = labelled("implied change of each free parameter, of x")
-    alike: tuple[str, ...] = ()
-    place: int = 0
-
-    @property
-    def changed(self) -> tuple[float, ...]:
-        """Their values after the step, SI."""
-        return tuple(
-            value * math.exp(step) if log else value + step
-            for value, step, log in zip(self.values.tolist(), self.steps.tolist(), self.log, strict=True)
-        )
-
-    def most_moved(self, free_names: Sequence[str]) -> tuple[str, float]:
-        """The stiffness among the free parameters that moves most, and its relative change; "" where there is none."""
-        stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
-        if not stiff:
-            return "", 0.0
-        most = max(stiff, key=lambda i: abs(float(self.effects[i])))
-        # A larger change of ln k is of a fit that ended far from any robot.
-        return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
+from elastid.record import Configuration, Motion
+from elastid.robot import Frame, Payload, Robot
 
 
 @frozen_value
@@ -174,6 +136,7 @@ class FitResult:
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
+    robot, equations: those that were fitted, for postures that were not measured.
     """
 
     parameters: ParameterSet
@@ -208,6 +171,8 @@ class FitResult:
     repeated: FloatArray = labelled(
         "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
     )
+    robot: Robot | None = None
+    equations: ModelSpec | None = None
 
     def __post_init__(self) -> None:
         n_x = len(self.parameters.free)
@@ -374,6 +339,65 @@ class FitResult:
         name = configuration.name if isinstance(configuration, Configuration) else str(configuration)
         linear = self.linear[index_of(name, names, "fitted model of configuration")]
         return FittedModel(linear, self.parameters, self.x, self.covariance)
+
+    def at(
+        self,
+        posture: Posture,
+        inputs: Sequence[str] = (),
+        outputs: Sequence[str] = (),
+        *,
+        motors: Motors = "held",
+        payload: Payload | Literal[False] | None = None,
+        frame: Frame | str | None = None,
+        axes: Axes = "own",
+        quantity: Motion | None = None,
+        controller: Any = None,
+    ) -> PostureModel:
+        """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
+
+        posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
+        configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
+        the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
+        motion of the frame.  motors: held (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
+        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
+        last one, else the last body's centre of mass.  axes: of frames, their own or those of the base.  quantity: of
+        outputs; positions, accelerations with accelerometers.  StudyError for places or angles that the robot lacks,
+        and where it finds no rest.
+        """
+        asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
+        where = posture if isinstance(posture, str) else getattr(posture, "name", "")
+        family = self.family(asked, where)
+        return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
+
+    def family(self, asked: Asked, where: str = "") -> Family:
+        """The same for many postures; where: the configuration whose parameters count, of those with their own."""
+        if self.robot is None:
+            raise StudyError(
+                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid fit "
+                "STUDY`), or `elastid.identify(...)`"
+            )
+        spec = self.equations or ModelSpec()
+        known = self.parameters, self.x, self.covariance_of_prediction
+        return Family.of(self.robot, spec, *known, asked, where, self.doubts)
+
+    @property
+    def covariance_of_prediction(self) -> FloatArray:
+        """`covariance`, times the square of residuals over their noise where the model is wrong."""
+        return self.covariance * self.model_error**2 if self.exceeds_noise else self.covariance
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Where the model is wrong, the numbers that would explain it, as errors as large as their steps."""
+        if not self.exceeds_noise:
+            return ()
+        leading = [index for index in self.indices if index.place] or list(self.indices[:1])
+        return tuple(
+            Doubt(
+                np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members, tuple(index.steps.tolist()),
+                index.log,
+            )
+            for index in leading
+        )  # fmt: skip
 
     @property
     def correlation(self) -> FloatArray:

@@ -14,7 +14,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.model.loop_closure import RANK_TOLERANCE, Closure, closures
 from elastid.robot import Robot
@@ -107,6 +107,21 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
             break
     q = q + _correction(parts, q)
     return _moved(parts, q if near is None else _moved(parts, q, near[None]), angles)
+
+
+def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
+    """True (Q,) of joints q (Q, n_l) with closed loops that are not about to fold over: what `assembled` accepts."""
+    if not robot.loops:
+        return np.ones(len(q), bool)
+    parts = mechanism(robot)
+    phi, Phi = parts.rows(q)
+    closed = np.abs(phi).max(axis=1, initial=0.0) <= LIMITS.gap
+    n_p = len(parts.passive)
+    if not n_p:
+        return np.asarray(closed)
+    s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
+    smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
+    return np.asarray(closed & (smallest > LIMITS.lever_sine * np.array([parts.lever(own) for own in q])))
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:

@@ -13,8 +13,9 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 import numpy as np
 
 from elastid.base.arrays import NO_LABEL, Label, label_of
+from elastid.robot import Robot
 
-Form: TypeAlias = Literal["scalar", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
+Form: TypeAlias = Literal["scalar", "text", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
 _SCALARS = (bool, int, float, str)
 # Version of the form of summary.json and validation.json.
 SCHEMA = 1
@@ -25,6 +26,7 @@ class Kind:
     """Form of a value in a file and what it consists of.
 
     scalar: a number or text of `type`, one of `choices` where there are any.  array: of `type` as NumPy's.
+    text: a robot, as JSON.
     optional: parts[0] or None.  union: one of several dataclasses.  fields: a dataclass `type`.
     sequence: a tuple of parts[0].  record: a tuple of fixed parts.  mapping: from texts to parts[0].
     """
@@ -64,6 +66,8 @@ def _kind_of_annotation(annotation: Any) -> Kind:
         return Kind("sequence", parts=arguments[:1]) if arguments[1:] == (...,) else Kind("record", parts=arguments)
     if origin in (dict, Mapping):
         return Kind("mapping", parts=arguments[1:])
+    if annotation is Robot:  # whose numbers may be words, too
+        return Kind("text", annotation)
     if is_dataclass(annotation):
         return Kind("fields", annotation)
     raise TypeError(f"{annotation} has no place in a file")
@@ -102,6 +106,24 @@ def is_array(annotation: Any) -> bool:
     """True for a type of arrays; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
     alias = getattr(get_origin(annotation), "__value__", annotation)
     return get_origin(alias) is np.ndarray
+
+
+def text_of(value: Any, indent: int | None = None) -> str:
+    """A section of a study as JSON without what is at its default."""
+    kind: Any = type(value)
+    return str(_adapter(kind).dump_json(value, indent=indent, exclude_defaults=True), "utf-8")
+
+
+def from_text(text: str, kind: Any) -> Any:
+    """The section of `text_of`; ValueError for text that is none."""
+    return _adapter(kind).validate_json(text)
+
+
+@cache
+def _adapter(kind: Any) -> Any:
+    from pydantic import TypeAdapter  # takes a while
+
+    return TypeAdapter(kind)
 
 
 def or_null(number: float) -> float | None:

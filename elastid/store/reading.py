@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.store.artefacts import kind_of, opened, plain
-from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
+from elastid.store.kinds import Kind, fields_of, from_text, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
 T = TypeVar("T")
@@ -104,6 +104,7 @@ def _read_union(item: Any, kind: Kind, _: Label) -> Any:
 _READERS: dict[str, Callable[..., Any]] = {
     "array": _read_array, "union": _read_union, "fields": lambda item, kind, _: read_dataclass(item, kind.type),
     "sequence": _read_sequence, "record": _read_record, "mapping": _read_mapping,
+    "text": lambda item, kind, _: from_text(item.asstr()[()], kind.type),
 }  # fmt: skip
 
 

@@ -1,22 +1,25 @@
-"""fit.h5, validation.h5 and compare.json: a fit, its validation with the twin, and the ranking of models."""
+"""fit.h5, validation.h5, compare.json, map.h5: a fit, its validation with the twin, ranked models, a map."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+import numpy as np
+
 from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.files import write_text
+from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
+from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
-FIT, VALIDATION = "fit", "validation"
+FIT, VALIDATION, MAP = "fit", "validation", "map"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -48,6 +51,26 @@ def read_validation(path: Path | str) -> Validation:
 def read_twin(path: Path | str, kind: str) -> TwinFindings:
     """The twin in a file of a kind (validation, friction)."""
     return read_part(path, kind, "twin", TwinFindings)
+
+
+def write_map(path: Path | str, workspace: WorkspaceMap, stamp: Stamp = NO_STAMP) -> None:
+    """map.h5: postures and quantities of a map, with their standard deviations."""
+    write_artefact(path, MAP, stamp, {"map": (workspace, WorkspaceMap)})
+
+
+def read_map(path: Path | str) -> WorkspaceMap:
+    """The map in map.h5."""
+    return read_part(path, MAP, "map", WorkspaceMap)
+
+
+def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
+    """map.csv: a row for each posture with all quantities, SI, and their standard deviations and intervals."""
+    each = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
+    heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
+    heads += [f"{name}{end}" for name, _ in each for end in ("", " std", " low", " high")]
+    numbers = [column for _, columns in each for column in columns]
+    columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
+    write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:

@@ -25,7 +25,7 @@ from h5py import h5ds
 from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
 from elastid.base.escape import group_name
 from elastid.store.artefacts import TEXT, Stamp, created
-from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation
+from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation, text_of
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
 NAMES = "%names"
@@ -63,6 +63,10 @@ def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> Non
         group.create_dataset(name, data=value, dtype=TEXT)
     else:
         group.attrs[name] = kind.type(value)
+
+
+def _write_text(group: Any, name: str, value: Any, *_: Any) -> None:
+    group.create_dataset(name, data=text_of(value), dtype=TEXT)
 
 
 def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
@@ -139,7 +143,7 @@ def _write_mapping(group: Any, name: str, value: Any, kind: Kind, label: Label, 
 
 
 _WRITERS: dict[str, Callable[..., Any]] = {
-    "scalar": _write_scalar, "array": _write_array, "union": _write_union, "fields": _write_fields,
+    "scalar": _write_scalar, "text": _write_text, "array": _write_array, "union": _write_union, "fields": _write_fields,
     "sequence": _write_sequence, "record": _write_record, "mapping": _write_mapping,
 }  # fmt: skip
 

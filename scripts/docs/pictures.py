@@ -58,6 +58,13 @@ def friction(run: Path, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def workspace(run: Path, path: Path) -> None:
+    """The softest static compliance at a thousand random postures."""
+    result = ei.read_fit(run / "fit.h5")
+    mapped = ei.map_workspace(result, ei.random_postures(result.robot, 1000), name="demo")
+    ei.plot.workspace(mapped).savefig(path, dpi=110)
+
+
 def axes(path: Path) -> None:
     """Driven axis, elastic axes behind it, and the offset of a row of the table, in the plane of two links."""
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")
@@ -121,6 +128,7 @@ def made(demo: Path, of_friction: Path) -> Iterator[tuple[str, int]]:
         "frf.png": lambda path: responses(demo, path),
         "friction.png": lambda path: friction(of_friction, path),
         "axes.png": axes,
+        "map.png": lambda path: workspace(demo, path),
         "report.png": lambda path: page(demo, path),
     }
     for name, drawn in draw.items():

@@ -54,6 +54,14 @@ def test_examples_3_and_4_fit_what_python_control_has_measured() -> None:
 
 
 @pytest.mark.slow
+def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
+    """Three times as soft stretched as folded, and a depth of cut that differs by far more."""
+    mill = example("ex17_where_can_i_mill")
+    assert mill["soft"] / mill["stiff"] == pytest.approx(3.25, rel=0.03)
+    assert mill["gain"] == pytest.approx(25.3, rel=0.05)
+
+
+@pytest.mark.slow
 def test_example_6_finds_the_friction_of_one_axis() -> None:
     """Coulomb and viscous friction within 0.5 % of the truth, by intervals that are as narrow."""
     found = example("ex06_friction_curve")["found"]

@@ -1,0 +1,97 @@
+"""map: the fitted robot along a path, over a grid or at random postures -> map.h5, map.csv, map.html, map.png."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.run import Run, logged_in
+from elastid.app.stages.fit import TRUSTED
+from elastid.base.arrays import FloatArray
+from elastid.base.display import number
+from elastid.base.errors import StudyError
+from elastid.fit.posture import Family
+from elastid.report.page.page_of_map import write_page_of_map
+from elastid.store.files import keep_checksums
+from elastid.store.results import read_fit, write_map, write_map_table
+from elastid.use.compliance import Cut
+from elastid.use.map import WorkspaceMap, family_of_map, map_family
+from elastid.use.postures import grid_postures, random_postures, read_path
+
+RESULTS = ("map.h5", "map.csv", "map.html", "map.png")
+RANDOM = 1000
+
+
+@dataclass(frozen=True)
+class Postures:
+    """Where to map: a path, a grid of so many points along the longest side, or so many random postures."""
+
+    path: Path | None = None
+    grid: int | None = None
+    random: int | None = None
+
+    def __post_init__(self) -> None:
+        if sum(each is not None for each in (self.path, self.grid, self.random)) > 1:
+            raise StudyError("--path, --grid and --random exclude one another; give one of them")
+
+    def angles(self, run: Run, family: Family) -> FloatArray:
+        """Angles (Q, n_u) of the driven joints; says what cannot be reached."""
+        if self.path is not None:
+            path = read_path(self.path, family.robot, family.frame)
+            if path.unreached:
+                rows = ", ".join(map(str, path.unreached[:5])) + (", ..." if len(path.unreached) > 5 else "")
+                run.console.warn(
+                    f"map: {len(path.unreached)} poses of {self.path} (rows {rows}) are out of reach of frame "
+                    f"{family.frame} within the limits of the joints, and left out"
+                )
+            return path.angles
+        seed = run.study.seed or 0
+        if self.grid is not None:
+            return grid_postures(family.robot, family.frame, self.grid, seed)
+        return random_postures(family.robot, self.random or RANDOM, seed)
+
+
+def map_study(
+    run: Run, frame: str | None, postures: Postures, cut: Cut, band_hz: Sequence[float] | None = None
+) -> None:
+    """map.h5, map.csv, map.html and map.png of the study's fit; StudyError without a current one."""
+    run.study.as_robot()
+    run.require_stage("fit")
+    run.require_result("fit")
+    result = read_fit(run.path("fit"))
+    with logged_in(run.folder, run.jobs, run.console):
+        family = family_of_map(result, frame)
+        angles = postures.angles(run, family)
+        lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
+        name = run.study.name
+        workspace = map_family(family, angles, cut, lines, name, postures.path is not None)
+        write_map(run.folder / RESULTS[0], workspace, run.stamps["fit"])
+        write_map_table(run.folder / RESULTS[1], workspace)
+        write_page_of_map(workspace, run.folder, run.stamps["fit"].shown)
+        keep_checksums(run.folder, RESULTS)
+        for line in (*sentences(workspace), *(str(run.folder / each) for each in RESULTS)):
+            run.console.say(f"map: {line}")
+        if result.status not in TRUSTED:
+            run.console.warn(
+                f"map: the fit cannot be trusted ({result.status.replace('_', ' ')}); intervals are widened by its "
+                f"residuals, and still hold no effect that the model lacks: {result.message}"
+            )
+
+
+def sentences(workspace: WorkspaceMap) -> tuple[str, ...]:
+    """Where it is soft, what limits it, how sure that is."""
+    compliance = workspace["softest_compliance"]
+    order = workspace.softest
+    soft, stiff = int(order[0]), int(order[-1])
+    ends = " to ".join(number(1e6 * float(compliance.value[i]), 3) for i in (stiff, soft))
+    count = f"{len(workspace)} postures" + (f", {len(workspace.refused)} without rest" if workspace.refused else "")
+    spring = workspace.limiting_springs[soft]
+    part = float(workspace.share[soft].max(initial=0.0))
+    return (
+        f"{count}: softest direction {ends} um/N (std {100 * float(compliance.relative_std.max()):.2g} % or less)",
+        f"softest at posture {workspace.asked[soft] + 1}: {spring} gives {100 * part:.0f} % of it, and twice as stiff "
+        f"it would take {50 * part:.0f} % off",
+    )

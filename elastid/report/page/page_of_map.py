@@ -1,0 +1,131 @@
+"""The page of a map: the workspace in two cuts, a posture with its tool response, what limits where and what helps."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.display import degrees, number
+from elastid.base.escape import embedded_json
+from elastid.base.files import write_whole
+from elastid.report.figures.style import own_style
+from elastid.report.figures.workspace import SHOWN, workspace_figure
+from elastid.report.page.explorer import asset
+from elastid.report.page.page import render, rendered
+from elastid.use.map import WorkspaceMap
+
+MAX_CURVES = 2000  # of more postures, evenly thinned ones are on the page
+LISTED = 10
+
+
+@dataclass(frozen=True)
+class MapContent:
+    """A map with its title, and who made the fit (`Stamp.shown`)."""
+
+    workspace: WorkspaceMap
+    title: str
+    provenance: Mapping[str, str]
+
+    @property
+    def verdict(self) -> str:
+        """Range, place and cause of the softest posture."""
+        m = self.workspace
+        own, order = m["softest_compliance"], m.softest
+        soft, stiff = int(order[0]), int(order[-1])
+        where = ", ".join(number(float(c), 3) for c in m.position[soft])
+        return (
+            f"{len(m)} postures: {_value(own.value[stiff], 'm/N')} to {_value(own.value[soft], 'm/N')} in the softest "
+            f"direction, softest with {m.frame} at ({where}) m, where {m.limiting_springs[soft]} gives "
+            f"{100 * float(m.share[soft].max(initial=0.0)):.0f} %."
+        )
+
+    @property
+    def softest(self) -> list[dict[str, str]]:
+        """The softest postures, as cells."""
+        m, rows = self.workspace, []
+        for i in m.softest[:LISTED].tolist():
+            rows.append({
+                "number": str(i), "posture": str(int(m.asked[i]) + 1), "angles": degrees(m.angles[i].tolist()),
+                "direction": ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
+                "compliance": _value(m["softest_compliance"].value[i], "m/N"),
+                "std": f"{100 * float(m['softest_compliance'].relative_std[i]):.2g} %",
+                "frequency": _value(m["frequency_1"].value[i], "Hz"), "cut": _value(m["depth_of_cut"].value[i], "m"),
+                "spring": m.limiting_springs[i], "share": f"{100 * float(m.share[i].max(initial=0.0)):.0f} %",
+            })  # fmt: skip
+        return rows
+
+    @property
+    def springs(self) -> list[dict[str, str]]:
+        """Each spring: where it limits, its mean part, and the gain of one twice as stiff in the softest tenth."""
+        m = self.workspace
+        first = m.softest[: max(1, len(m) // 10)]
+        limiting = np.array(m.limiting_springs)
+        rows = [
+            (float(m.share[first, i].mean()), name, float(np.mean(limiting == name)), float(m.share[:, i].mean()))
+            for i, name in enumerate(m.springs)
+        ]
+        return [
+            {
+                "name": name,
+                "limits": f"{100 * where:.0f} %",
+                "mean": f"{100 * mean:.0f} %",
+                "gain": f"{50 * soft:.0f} %",
+            }
+            for soft, name, where, mean in sorted(rows, reverse=True)
+        ]
+
+    @property
+    def load(self) -> str:
+        """The load and the cutting coefficient in words."""
+        m = self.workspace
+        force = ", ".join(f"{part:g}" for part in m.load)
+        return f"load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm²"
+
+
+def _value(value: float, unit: str) -> str:
+    shown, factor = SHOWN[unit]
+    return f"{number(factor * float(value), 3)} {shown}" if np.isfinite(value) else "no limit"
+
+
+def _packed(values: FloatArray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode("ascii")
+
+
+def map_data(workspace: WorkspaceMap) -> str:
+    """Postures, quantities and curves as JSON, numbers as base64 of float32."""
+    m = workspace
+    kept = np.unique(np.linspace(0, len(m) - 1, min(len(m), MAX_CURVES)).round().astype(int))
+    kept = np.union1d(kept, m.softest[:LISTED])
+    place = {int(i): k for k, i in enumerate(kept)}
+    x, y, z = m.position[kept].T
+    quantities = []
+    for own in m.quantities:
+        unit, factor = SHOWN[own.unit]
+        low, high = own.interval
+        columns = [_packed(factor * part[kept]) for part in (own.value, low, high)]
+        quantities.append({"name": own.name, "text": own.text, "unit": unit, "columns": columns})
+    content: dict[str, Any] = {
+        "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
+        "count": len(kept), "angles": _packed(m.angles[kept]), "asked": (m.asked[kept] + 1).tolist(),
+        "places": [_packed(part) for part in (x, y, np.hypot(x, y), z)], "share": _packed(m.share[kept]),
+        "quantities": quantities, "softest": [place[int(i)] for i in m.softest[:LISTED]],
+        "lines": _packed(m.curve_hz), "curve": _packed(1e6 * m.magnitude[kept]),
+        "std": _packed(1e6 * m.magnitude_std[kept]),
+    }  # fmt: skip
+    return embedded_json(content)
+
+
+@own_style()
+def write_page_of_map(workspace: WorkspaceMap, folder: Path, provenance: Mapping[str, str]) -> Path:
+    """folder/map.html and folder/map.png; the path of the page."""
+    content = MapContent(workspace, f"Map of {workspace.name}", provenance)
+    page = render("map.html.j2", content, (), scripts=(asset("map.js"),), map_data=map_data(workspace))
+    write_whole(folder / "map.png", rendered(workspace_figure(workspace), "png"))
+    write_whole(folder / "map.html", page.encode("utf-8"))
+    return folder / "map.html"

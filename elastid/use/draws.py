@@ -1,0 +1,77 @@
+"""Robots drawn from what a fit knows: parameters with their correlations, numbers of the robot's file included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError, StudyError
+from elastid.base.propagation import principal_axes
+from elastid.fit.result import FitResult
+from elastid.linear.linear_model import DELAY
+from elastid.robot import Robot
+
+MAX_REFUSED = 20  # draws for each robot, of which no body can have most
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnRobots:
+    """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
+
+    held: parameters that the data do not reach, which keep their estimate.  refused: draws that no body can have.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    robots: tuple[Robot, ...]
+    held: tuple[str, ...]
+    refused: int
+
+
+def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
+    """`count` robots from the normal distribution of x (`FitResult.covariance_of_prediction`).
+
+    configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
+    physical robot.
+    """
+    if result.robot is None:
+        raise StudyError("this result holds no robot; fit again with this version of elastid")
+    covariance = result.covariance_of_prediction
+    names = result.parameters.moved(configuration)
+    places = [result.parameters.names.index(name) for name in names]
+    values, robots, refused = [], [], 0
+    exact = replace(result.robot, tolerances="exact")
+    for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
+        for size, doubt in zip(sizes, result.doubts, strict=True):
+            x = x + size * doubt.effects
+        theta = result.parameters.expand(x, configuration)
+        numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
+        numbers.pop(DELAY, None)
+        for size, doubt in zip(sizes, result.doubts, strict=True):
+            numbers |= {
+                name: doubt.moved(name, numbers[name], float(size)) for name in doubt.members if name in numbers
+            }
+        try:
+            robots.append(exact.with_parameters(numbers))
+        except ValueError:
+            refused += 1
+            if refused > MAX_REFUSED * (len(robots) + 10):
+                raise FitError(
+                    f"of {refused + len(robots)} draws {refused} are robots that no bodies can make: the fit knows too "
+                    "little of masses or inertias; give them a prior, or hold them"
+                ) from None
+            continue
+        values.append(theta[places])
+        if len(robots) == count:
+            break
+    held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
+    return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
+
+
+def _draws(x: FloatArray, covariance: FloatArray, doubts: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    axes, rng = principal_axes(covariance), np.random.default_rng(seed)
+    while True:
+        yield x + rng.standard_normal(len(axes)) @ axes, rng.standard_normal(doubts)

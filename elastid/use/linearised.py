@@ -1,0 +1,264 @@
+r"""The fitted robot about many postures at once: matrices of what can move, and their slopes to the parameters.
+
+Serial robots, and loops of elastic rods, with linear springs: one CasADi function of q with the fitted numbers folded
+in, Newton's method for all postures side by side; slopes about the equilibrium as it is. All others, and loops whose
+lengths are uncertain: `Family.at`, posture by posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.propagation import principal_axes
+from elastid.fit.posture import Family
+from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
+from elastid.linear.linear_model import Slope
+from elastid.linear.posture_model import PostureModel
+from elastid.model.closed_posture import are_closed, followed
+from elastid.model.kinematics import frame_poses
+from elastid.record import Configuration
+from elastid.robot import FRAME_AXES
+
+CHUNK = 128  # postures at a time, so that their slopes stay in the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """P postures with an equilibrium: matrices (P, n, n), J (P, 6, n) of the frame in the axes of the base.
+
+    slopes: dM, dD, dK (P, n_k, n, n) and dJ (P, n_k, 6, n) to the n_k numbers that x moves.  of_x (n_k, n_d): these per
+    standard deviation of x along each independent direction.  found (P_asked,): which postures have an equilibrium.
+    position (P, 3): of the frame.  strain_c (P, n_s), strain_b (P, n_s, n): energy of the springs.
+    """
+
+    M: FloatArray
+    D: FloatArray
+    K: FloatArray
+    J: FloatArray
+    dM: FloatArray
+    dD: FloatArray
+    dK: FloatArray
+    dJ: FloatArray
+    of_x: FloatArray
+    found: BoolArray
+    position: FloatArray
+    strain_c: FloatArray
+    strain_b: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ManyPostures:
+    """A family about any number of postures, of motors that are held."""
+
+    family: Family
+
+    def at(self, angles: FloatArray) -> Iterator[Linearised]:
+        """Of angles (P, n_u), in pieces of at most CHUNK postures."""
+        for first in range(0, len(angles), CHUNK):
+            piece = angles[first : first + CHUNK]
+            yield self._serial(piece) if self.is_serial else self._each(piece)
+
+    @property
+    def is_serial(self) -> bool:
+        """True where one function serves all postures: the equilibrium moves little with the parameters."""
+        robot, names = self.family.robot, self.family.estimated.names
+        if robot.loops and any(names[row] in robot.geometry for row in self._moved[0]):
+            return False  # a length moves the joints that the loops carry along
+        linear = all(joint.spring is None or joint.spring.is_linear for joint in robot.joints)
+        return self.family.model.n_c == 0 and linear and not any(box.is_in_series for box in robot.gearboxes)
+
+    @cached_property
+    def _moved(self) -> tuple[Any, FloatArray]:
+        """Rows of theta that x moves, and of_x (n_k, n_d)."""
+        known = self.family.estimated
+        # What nothing constrains counts with a standard deviation of 100, of a logarithm mostly.
+        unreached = np.isinf(np.diag(known.covariance))
+        finite = np.where(unreached[:, None] | unreached, 0.0, known.covariance) + 1e4 * np.diag(unreached)
+        axes = principal_axes(finite)
+        moves = np.any(known.slopes, axis=1)
+        return np.flatnonzero(moves), known.slopes[moves] @ axes.T
+
+    @cached_property
+    def _functions(self) -> tuple[_Dense, _Dense]:
+        """q -> gradient and Hessian of the potential; and all matrices with slopes to the numbers that x moves."""
+        model, rows = self.family.model, self._moved[0]
+        carries = self.family.asked.payload is not False
+        numbers = model.carried(self.family.theta, carries)
+        q = ca.SX.sym("q", model.n_q)
+        rows = [row for row in rows if row < len(numbers)]
+        symbols = ca.SX.sym("p", len(rows))
+        theta = ca.SX(ca.DM(numbers))
+        for place, row in enumerate(rows):
+            absent = not carries and model.parameters[row] in model.of_payload
+            theta[int(row)] = 0.0 if absent else symbols[place]
+        none = ca.SX(0, 1)
+        lower = _lower(model.n_q)
+        M, D, K = (
+            ca.densify(part)[lower]
+            for part in (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, none, theta))
+        )
+        J = ca.densify(model.frame_velocity(q, theta))[self._frame_rows, :]
+        c, b = model.strain(q, theta)
+        stacked = ca.vertcat(M, D, K, ca.vec(J))
+        slopes = ca.jacobian(stacked, symbols)
+        here = ca.DM(numbers[rows])
+        outputs = [ca.substitute(part, symbols, here) for part in (stacked, slopes, ca.densify(c), ca.densify(b))]
+        balance = [ca.substitute(part, symbols, here) for part in (model.potential_gradient(q, theta), K)]
+        return _Dense.of("balance", q, balance), _Dense.of("linearised", q, outputs)
+
+    @property
+    def _frame_rows(self) -> list[int]:
+        names = [frame.name for frame in self.family.robot.frames]
+        first = len(FRAME_AXES) * names.index(self.family.frame)
+        return list(range(first, first + len(FRAME_AXES)))
+
+    def _serial(self, angles: FloatArray) -> Linearised:
+        model, (balance, linearised) = self.family.model, self._functions
+        free, places = free_coordinates(model), _places(model.n_q)
+        if not free.size:
+            self.family.at(Configuration("posture", angles[0]))  # which says why
+        robot = model.robot_at(self.family.theta)
+        rigid = followed(robot, angles)
+        q = np.zeros((len(angles), model.n_q))
+        q[:, : rigid.shape[1]] = rigid
+        for motor, column in zip(model.inputs, angles.T, strict=True):
+            q[:, model.index(motor)] = column
+        open_ = np.arange(len(q))
+        for _ in range(LIMITS.steps):
+            gradient, K = balance(q[open_])
+            K = K[:, places][:, free[:, None], free]
+            step = -np.linalg.solve(K, gradient[:, free, None])[:, :, 0]
+            largest = np.abs(step).max(axis=1, initial=0.0)
+            q[np.ix_(open_, free)] += step * np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))[:, None]
+            open_ = open_[largest > 1e-9]  # convergence is quadratic: the next step is below rounding
+            if not open_.size:
+                break
+        stacked, slopes, c, b = linearised(q)
+        n, n_t = model.n_q, len(places[np.tril_indices(model.n_q)])
+        square = [part[:, places][:, free[:, None], free] for part in np.split(stacked[:, : 3 * n_t], 3, axis=1)]
+        J = stacked[:, 3 * n_t :].reshape(len(q), n, 6).transpose(0, 2, 1)[:, :, free]
+        slopes = slopes.reshape(len(q), -1, stacked.shape[1])
+        dM, dD, dK = (
+            part[:, :, places][:, :, free[:, None], free] for part in np.split(slopes[:, :, : 3 * n_t], 3, axis=2)
+        )
+        dJ = slopes[:, :, 3 * n_t :].reshape(len(q), -1, n, 6).transpose(0, 1, 3, 2)[:, :, :, free]
+        stable = np.linalg.eigvalsh(square[2])[:, 0] > 0
+        deflected = np.abs(q[:, : rigid.shape[1]] - rigid).max(axis=1)
+        found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection) & are_closed(robot, rigid)
+        poses = self._poses(q[:, : len(self.family.robot.joints)])
+        J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
+        of_x = self._moved[1][: slopes.shape[1]]
+        b = b.reshape(len(q), n, -1).transpose(0, 2, 1)[:, :, free]
+        M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (*square, J, dM, dD, dK, dJ))
+        return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, poses.position[found], c[found], b[found])
+
+    def _poses(self, q: FloatArray) -> _Poses:
+        poses = frame_poses(self.family.model.robot_at(self.family.theta), q, self.family.frame)
+        R = poses.rotation
+        zero = np.zeros_like(R)
+        return _Poses(poses.position, np.block([[R, zero], [zero, R]]))
+
+    def _each(self, angles: FloatArray) -> Linearised:
+        """Posture by posture, where loops close or tangents follow the load."""
+        family, found = self.family, np.zeros(len(angles), bool)
+        kept: list[tuple[FloatArray, ...]] = []
+        for i, own in enumerate(angles):
+            configuration = Configuration("posture", own, family.asked.payload is not False)
+            try:
+                model = family.at(configuration)
+                point = equilibrium(family.model, family.theta, configuration)
+            except StudyError:
+                continue
+            found[i] = True
+            pose = self._poses(point.q[None, : len(family.robot.joints)])
+            c, b = (part.full() for part in family.model.strain(point.q, family.theta))
+            A = model.matrices(family.estimated.x)
+            slopes = [*self._slopes(model)]
+            R = pose.turned[0]
+            moves = np.asarray(model.linear.Z) @ model.moving
+            matrices = A.M, A.D, A.K, R @ A.J, *slopes[:3], R @ slopes[3]
+            kept.append((*matrices, pose.position[0], c[:, 0], b @ moves))
+        if not kept:
+            return _nothing(self._moved[1], found)
+        M, D, K, J, dM, dD, dK, dJ, position, c, b = (np.array(part) for part in zip(*kept, strict=True))
+        return Linearised(M, D, K, J, dM, dD, dK, dJ, self._moved[1], found, position, c, b)
+
+    def _slopes(self, model: PostureModel) -> Iterator[FloatArray]:
+        """dM, dD, dK (n_k, n, n) and dJ (n_k, 6, n), own axes, of a model."""
+        linear, N = model.linear, model.moving
+        slopes = [linear.slopes.get(linear.parameters[row], Slope()) for row in self._moved[0]]
+        none, no_place = np.zeros((linear.n, linear.n)), np.zeros_like(linear.C)
+        for letter in "MDK":
+            parts = [getattr(slope, letter) for slope in slopes]
+            yield np.array([N.T @ (none if part is None else part) @ N for part in parts])
+        yield np.array([model.ports.at_frame @ (no_place if s.C is None else s.C) @ N for s in slopes])
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """turned (P, 6, 6): from the frame's own axes to those of the base."""
+
+    position: FloatArray
+    turned: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Dense:
+    """A CasADi function of one vector, called for many of them without a Python object for each number."""
+
+    function: ca.Function
+
+    @classmethod
+    def of(cls, name: str, q: ca.SX, outputs: list[ca.SX]) -> _Dense:
+        dense = [ca.vec(ca.densify(part)) for part in outputs]
+        return cls(ca.Function(name, [q], dense, {"cse": True}))
+
+    def __call__(self, q: FloatArray) -> tuple[FloatArray, ...]:
+        """Each output (P, size) of q (P, n)."""
+        function = self.function
+        buffer: Any
+        buffer, evaluate = function.buffer()
+        row = np.zeros(q.shape[1])
+        held = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        results = tuple(np.zeros((len(q), own.size)) for own in held)
+        buffer.set_arg(0, row.data)
+        for i, own in enumerate(held):
+            buffer.set_res(i, own.data)
+        for place, point in enumerate(q):
+            row[:] = point
+            evaluate()
+            for result, own in zip(results, held, strict=True):
+                result[place] = own
+        return results
+
+
+def _lower(n: int) -> list[int]:
+    """Places of the lower triangle of (n, n), as CasADi counts."""
+    rows, columns = np.tril_indices(n)
+    places: list[int] = (columns * n + rows).tolist()
+    return places
+
+
+def _places(n: int) -> Any:
+    """Places of the entries of a symmetric (n, n) among those of its lower triangle."""
+    places = np.zeros((n, n), np.int64)
+    rows, columns = np.tril_indices(n)
+    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
+    return places
+
+
+def _nothing(of_x: FloatArray, found: BoolArray) -> Linearised:
+    none, n_k = np.zeros((0, 1, 1)), len(of_x)
+    slopes = np.zeros((0, n_k, 1, 1))
+    J, dJ = np.zeros((0, 6, 1)), np.zeros((0, n_k, 6, 1))
+    return Linearised(
+        none, none, none, J, slopes, slopes, slopes, dJ, of_x, found, np.zeros((0, 3)), np.zeros((0, 0)), none
+    )

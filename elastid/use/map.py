@@ -1,0 +1,167 @@
+"""A map of the workspace: stiffness, frequencies, chatter and deflection at many postures, with their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
+from elastid.base.errors import StudyError
+from elastid.base.statistics import QUANTILE_95
+from elastid.fit.posture import Asked, Family
+from elastid.fit.result import FitResult
+from elastid.model.spec import ModelSpec
+from elastid.use.compliance import QUANTITIES, Cut, answers
+from elastid.use.linearised import ManyPostures
+
+LINES, CURVE_LINES = 300, 120
+
+
+@frozen_value
+class Quantity:
+    """One number of every posture, SI, with its standard deviation and 95 % interval.
+
+    A positive quantity has an interval that is symmetric in its logarithm.
+    """
+
+    name: str
+    text: str
+    unit: str
+    value: FloatArray = labelled("value", "{unit}", "posture")
+    std: FloatArray = labelled("standard deviation", "{unit}", "posture")
+
+    @property
+    def relative_std(self) -> FloatArray:
+        """std over value (Q,)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.std / self.value)
+
+    @property
+    def interval(self) -> tuple[FloatArray, FloatArray]:
+        """Ends (Q,) of the 95 % intervals."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            reach = np.exp(QUANTILE_95 * self.relative_std)
+            return np.asarray(self.value / reach), np.asarray(self.value * reach)
+
+
+@frozen_value
+class WorkspaceMap:
+    """Quantities of Q postures with an equilibrium, the motors held, in the axes of the base.
+
+    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the postures asked for; those
+    without an equilibrium are `refused`.  position (Q, 3): of the frame.  principal (Q, 3), axes (Q, 3, 3): static
+    compliances, the softest first, and their directions, columns.  springs, share (Q, n_s): part of each spring in the
+    compliance of the softest direction.  lines_hz (F,): of the responses.  curve_hz (L,): of `magnitude`.
+    """
+
+    name: str
+    frame: str
+    joints: tuple[str, ...]
+    angles: FloatArray = labelled("angle of the driven joints", "rad, m", "posture joints")
+    asked: IntArray = labelled("number of the posture among those asked for", "", "posture")
+    refused: tuple[int, ...] = labelled("postures without an equilibrium")
+    position: FloatArray = labelled("origin of the frame", "m", "posture axis")
+    principal: FloatArray = labelled("principal static compliances, the softest first", "m/N", "posture rank")
+    axes: FloatArray = labelled("their directions, columns", "", "posture axis rank")
+    springs: tuple[str, ...]
+    share: FloatArray = labelled("part of each spring in the softest compliance", "", "posture springs")
+    peak_hz: FloatArray = labelled("line of the largest dynamic compliance", "", "posture")
+    chatter_hz: FloatArray = labelled("line of the most negative real part", "", "posture")
+    lines_hz: FloatArray = labelled("lines of the responses")
+    curve_hz: FloatArray = labelled("lines of the curves")
+    magnitude: FloatArray = labelled("dynamic compliance along the softest direction", "m/N", "posture curve_hz")
+    magnitude_std: FloatArray = labelled("its standard deviation", "m/N", "posture curve_hz")
+    quantities: tuple[Quantity, ...] = labelled(entry="name")
+    load: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cutting_coefficient: float = 0.0
+    is_path: bool = False
+
+    def __getitem__(self, name: str) -> Quantity:
+        """A quantity by its name."""
+        return {each.name: each for each in self.quantities}[name]
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    @property
+    def softest(self) -> IntArray:
+        """Numbers (Q,) of the postures, the softest first."""
+        return np.argsort(-self["softest_compliance"].value, kind="stable")
+
+    @property
+    def limiting_springs(self) -> tuple[str, ...]:
+        """The spring with the largest part in the softest direction of each posture."""
+        return tuple(self.springs[i] for i in np.argmax(self.share, axis=1)) if self.springs else ("",) * len(self)
+
+
+def map_workspace(
+    result: FitResult,
+    angles: FloatArray,
+    cut: Cut | None = None,
+    *,
+    frame: str | None = None,
+    lines_hz: FloatArray | None = None,
+    name: str = "",
+    is_path: bool = False,
+) -> WorkspaceMap:
+    """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
+
+    frame: by default `tool`, else the last one.  lines_hz (F,): by default LINES of them over the modes.
+    """
+    cut = cut or Cut()
+    family = family_of_map(result, frame)
+    return map_family(family, angles, cut, lines_hz, name or family.robot.name, is_path)
+
+
+def family_of_map(result: FitResult, frame: str | None = None) -> Family:
+    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
+    asked = Asked(frame=frame)
+    family = result.family(asked)
+    if family.model.n_c:
+        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
+        return minimal if minimal.model.n_c == 0 else family
+    return family
+
+
+def map_family(
+    family: Family, angles: FloatArray, cut: Cut, lines_hz: FloatArray | None, name: str, is_path: bool = False
+) -> WorkspaceMap:
+    """The same of a family."""
+    many = ManyPostures(family)
+    lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
+    curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
+    pieces = [(robots.position, answers(robots, lines, curve, cut), robots.found) for robots in many.at(angles)]
+    found = np.concatenate([piece[2] for piece in pieces])
+    if not found.any():
+        raise StudyError(
+            f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
+            "reach of its loops, or its springs too soft for its weight"
+        )
+    own = [piece[1] for piece in pieces]
+    quantities = tuple(
+        Quantity(key, text, unit, _joined([a.values[key] for a in own]), _joined([a.std[key] for a in own]))
+        for key, (unit, text) in QUANTITIES.items()
+    )
+    return WorkspaceMap(
+        name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
+        np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
+        _joined([piece[0] for piece in pieces]), _joined([a.principal for a in own]), _joined([a.axes for a in own]),
+        family.model.springs, _joined([a.shares for a in own]), _joined([a.peak_hz for a in own]),
+        _joined([a.chatter_hz for a in own]), lines, curve, _joined([a.magnitude for a in own]),
+        _joined([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
+    )  # fmt: skip
+
+
+def _joined(parts: list[FloatArray]) -> FloatArray:
+    return np.concatenate([part for part in parts if len(part)])
+
+
+def default_lines(many: ManyPostures, angles: FloatArray) -> FloatArray:
+    """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
+    some = next(many.at(angles[:: max(1, len(angles) // 20)][:20]))
+    if not len(some.M):
+        return np.geomspace(1.0, 100.0, LINES)
+    squares = np.linalg.eigvals(np.linalg.solve(some.M, some.K)).real
+    freq_hz = np.sort(np.sqrt(np.maximum(squares, 1e-6)), axis=1) / (2 * np.pi)
+    return np.geomspace(freq_hz[:, 0].min() / 2, 2 * freq_hz[:, : min(6, freq_hz.shape[1])].max(), LINES)

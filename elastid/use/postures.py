@@ -1,0 +1,234 @@
+r"""Postures of a path, of a grid over the workspace, or random ones; inverse kinematics by damped least squares.
+
+.. math:: \delta q = (J^T J + \mu I)^{-1} J^T e, \qquad e = [p - p(q);\, \log (R R(q)^T)]
+
+within the limits of the joints, for all poses at once, each from the best of some postures (Nakamura and Hanafusa,
+J. Dyn. Sys. Meas. Control 108 (1986), 163).
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.model.closed_posture import are_closed, followed, rates
+from elastid.model.kinematics import frame_jacobians, frame_poses
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True)
+class InverseLimits:
+    """Numbers of the inverse kinematics; a pose that is not reached is said, which is no judgement of data."""
+
+    seeds: int = 2000  # random postures among which each pose finds its start; of a linkage a tenth, which take longer
+    starts: int = 3
+    steps: int = 60
+    damping: float = 1e-3  # of the largest eigenvalue of J^T J
+    step: float = 0.3  # rad or m
+    position: float = 1e-6  # m from the pose
+    angle: float = 1e-6  # rad
+
+
+INVERSE = InverseLimits()
+GRID_POINTS = 12  # along the longest side of the workspace
+_DEGREES = ("deg", "degree", "degrees")
+
+
+def limits_of(robot: Robot) -> FloatArray:
+    """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
+    whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
+    given = [joint.limits.angle for joint in robot.driven]
+    limits = np.array([each if own is None else own for own, each in zip(given, whole, strict=True)], float)
+    return np.where(np.isfinite(limits), limits, np.array(whole))
+
+
+def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
+    """Angles (count, n_u), uniform within the limits, of postures in which the loops close."""
+    low, high = limits_of(robot).T
+    rng = np.random.default_rng(seed)
+    drawn = low + rng.random((count * (5 if robot.loops else 1), len(low))) * (high - low)
+    if robot.loops:
+        drawn = drawn[are_closed(robot, followed(robot, drawn))]
+    if not len(drawn):
+        raise StudyError(f"robot {robot.name}: its loops close in no posture within the limits of its joints")
+    return np.asarray(drawn[:count])
+
+
+def _seeds(robot: Robot, seed: int) -> FloatArray:
+    return random_postures(robot, INVERSE.seeds // (10 if robot.loops else 1), seed)
+
+
+def grid_postures(robot: Robot, frame: str, points: int = GRID_POINTS, seed: int = 0) -> FloatArray:
+    """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
+    seeds = _seeds(robot, seed)
+    reached = frame_poses(robot, followed(robot, seeds), frame).position
+    low, high = reached.min(axis=0), reached.max(axis=0)
+    spacing = float((high - low).max()) / max(points - 1, 1)
+    if not spacing > 0:
+        raise StudyError(f"frame {frame} of robot {robot.name} moves nowhere; name another with --frame")
+    sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
+    targets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    angles, is_reached = inverse_kinematics(robot, frame, targets, seed=seed)
+    if not is_reached.any():
+        raise StudyError(
+            f"no point of a grid of {1e3 * spacing:.3g} mm is reached by frame {frame} of robot {robot.name}, which "
+            "moves on a surface only; take --random, or a frame behind the last joint"
+        )
+    return angles[is_reached]
+
+
+def inverse_kinematics(
+    robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None = None, seed: int = 0
+) -> tuple[FloatArray, BoolArray]:
+    """Angles (Q, n_u) within the limits that bring a frame to positions (Q, 3), and rotations (Q, 3, 3) if given.
+
+    Second value (Q,): whether it is reached. Successive poses start from one another's best, so that a path stays on
+    one branch as long as it can.
+    """
+    low, high = limits_of(robot).T
+    seeds = _seeds(robot, seed)
+    there = frame_poses(robot, followed(robot, seeds), frame)
+    best, error = np.zeros((len(position), len(low))), np.full(len(position), np.inf)
+    away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
+    if rotation is not None:
+        turned = np.einsum("qij,sij->qs", rotation, there.rotation)
+        away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * _reach(there.position)
+    for rank in range(INVERSE.starts):
+        q = seeds[np.argsort(away, axis=1)[:, rank]]
+        q, left = _descend(robot, frame, position, rotation, q, low, high)
+        better = left < error
+        best[better], error[better] = q[better], left[better]
+    return best, error < INVERSE.position
+
+
+def follow_path(
+    robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
+) -> tuple[FloatArray, BoolArray]:
+    """The same along a path: each pose is reached from the one before it where it can be."""
+    angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
+    low, high = limits_of(robot).T
+    for i in range(1, len(position)):
+        if not reached[i - 1]:
+            continue
+        own = rotation if rotation is None else rotation[i : i + 1]
+        q, left = _descend(robot, frame, position[i : i + 1], own, angles[i - 1 : i], low, high)
+        if left[0] < INVERSE.position:
+            angles[i], reached[i] = q[0], True
+    return angles, reached
+
+
+def _reach(position: FloatArray) -> float:
+    return float(np.ptp(position, axis=0).max()) / np.pi
+
+
+def _descend(
+    robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray, low: FloatArray,
+    high: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
+    left = np.full(len(q), np.inf)
+    for _ in range(INVERSE.steps):
+        joints = followed(robot, q)
+        pose = frame_poses(robot, joints, frame)
+        e = position - pose.position
+        J = frame_jacobians(robot, joints, frame) @ rates(robot, joints)
+        if rotation is None:
+            J = J[:, :3]
+        else:
+            e = np.hstack([e, rotation_vectors(rotation @ pose.rotation.transpose(0, 2, 1))])
+        left = np.abs(e).max(axis=1)
+        if np.all(left < INVERSE.position / 10):
+            break
+        normal = J.transpose(0, 2, 1) @ J
+        size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+        # Less damping where the pose is near: the last steps are Newton's.
+        damping = np.minimum(INVERSE.damping, left**2)[:, None, None] + 1e-12
+        step = np.linalg.solve(normal + damping * size * np.eye(len(low)), J.transpose(0, 2, 1) @ e[:, :, None])[
+            :, :, 0
+        ]
+        step *= np.minimum(1.0, INVERSE.step / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        q = np.clip(q + step, low, high)
+    return q, left
+
+
+def rotation_vectors(R: FloatArray) -> FloatArray:
+    """Axis times angle (Q, 3) of rotations (Q, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(R).as_rotvec())
+
+
+@dataclass(frozen=True)
+class JointPath:
+    """Postures (Q, n_u) along a path; unreached: numbers of the rows, counted from 1, that no posture reaches."""
+
+    angles: FloatArray
+    unreached: tuple[int, ...] = ()
+
+
+def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
+    """A CSV file with a column for each driven joint, in rad (or deg: `1 deg`), or with poses of the frame.
+
+    Poses: columns x, y, z in m, and rx, ry, rz, the rotation vector in rad, where the orientation counts.
+    DataError for other columns and for cells that are no numbers.
+    """
+    heads, table = _table(path)
+    names = [joint.name for joint in robot.driven]
+    words = {_bare(head): place for place, head in enumerate(heads)}
+    if set(names) <= set(words):
+        turning = [not joint.slides for joint in robot.driven]
+        in_degrees = [_unit(heads[words[name]]) in _DEGREES for name in names]
+        scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
+        return JointPath(table[:, [words[name] for name in names]] * scale)
+    if {"x", "y", "z"} <= set(words):
+        position = table[:, [words[axis] for axis in "xyz"]]
+        rotation = None
+        if {"rx", "ry", "rz"} <= set(words):
+            from scipy.spatial.transform import Rotation
+
+            rotation = Rotation.from_rotvec(table[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
+        angles, reached = follow_path(robot, frame, position, rotation)
+        if not reached.any():
+            raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")
+        return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
+    raise DataError(
+        f"{path}: its columns are {', '.join(heads)}; give one for each driven joint ({', '.join(names)}; rad, or "
+        f"`{names[0]} deg`), or the poses of the frame as x, y, z in m, with rx, ry, rz in rad for its orientation"
+    )
+
+
+def _table(path: Path) -> tuple[list[str], FloatArray]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: no text; give a CSV file") from None
+    if len(rows) < 2:
+        raise DataError(f"{path}: a path has a row of names and a row for each posture")
+    heads = [cell.strip() for cell in rows[0]]
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(heads):
+            raise DataError(f"{path}: row {number} has {len(row)} cells, and the first {len(heads)}")
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
+    except ValueError as error:
+        raise DataError(f"{path}: {error}; a path holds numbers alone below its names") from None
+    if not np.isfinite(table).all():
+        raise DataError(f"{path}: row {int(np.argmax(~np.isfinite(table).all(axis=1))) + 2} is not finite")
+    return heads, table
+
+
+def _bare(head: str) -> str:
+    """A name without its unit: `1 deg`, `1 (deg)`, `joint 1 [rad]` are 1."""
+    return re.sub(r"^joint\s+", "", re.sub(r"\s*[\[(]?\s*(deg|degrees?|rad|m)\s*[\])]?$", "", head)) or head
+
+
+def _unit(head: str) -> str:
+    match = re.search(r"(deg|degrees?|rad|m)\s*[\])]?$", head)
+    return match[1] if match else ""

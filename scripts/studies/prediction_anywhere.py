@@ -1,0 +1,292 @@
+"""How well a fitted robot predicts its tool where it was not measured, held against equations of its own.
+
+    python scripts/studies/prediction_anywhere.py [--quick] [--fits 20] [--cases right file misfit missing]
+
+The measured robot is not elastid's model: kinematics by homogeneous transforms, mass matrix from the Jacobians of the
+centres of mass, stiffness as the Hessian of the potential by differences, equilibrium by Newton's method, all written
+out below. In each fit the robot is measured in five postures (motor accelerations by motor torques, noise of known
+covariance), fitted from springs and dampers that are 15 % off, and asked about its tool in random postures: static
+stiffness, natural frequencies, response of the tool, limiting depth of cut.
+
+- right: the robot's file holds the true masses and lengths.
+- file: it is off within its tolerances.
+- misfit: the mass of the fore arm is 6 % off and said to be exact.
+- missing: the bending of the upper arm, joint 2x, is said to be rigid.
+
+Weights have no floor: the noise is the only error of the responses.
+
+200 postures of 20 fits each, and 50 of 5 where the model is wrong (--cases misfit missing --fits 5); errors of
+compliance, natural frequencies 1 to 3 and response, median and worst in %, and the share of 95 % intervals that hold
+the truth:
+
+| case | compliance | frequencies | response | inside: compliance, frequencies, response, whole band |
+|---|---|---|---|---|
+| right | 0.007, 0.017 | 0.003, 0.020 | 0.09, 0.46 | 97.5, 96.8, 97.8, 99.3 % |
+| file | 0.018, 0.061 | 0.008, 0.074 | 0.20, 1.34 | 98.0, 94.7, 97.0, 96.3 % |
+| misfit | 1.9, 2.8 | 1.3, 2.0 | 23, 83 | 100, 100, 100, 100 % |
+| missing | 9.3, 35 | 1.5, 58 | 56, 116 | 100, 100, 99.0, 100 % |
+
+Intervals of misfits are wide: the step of what would explain it counts as one standard deviation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import elastid as ei
+from elastid.fit.identify import fit_parameters
+from elastid.robot import Frame, Placement, Tolerances
+from elastid.use.postures import random_postures
+
+HERE = Path(__file__).parents[2]
+TOOL = (1.0, 0.0, 0.10)
+LINES = np.concatenate([np.linspace(2, 40, 60), np.linspace(42, 60, 10)])
+ASKED = np.linspace(2, 60, 60)
+NOISE = 3e-3  # of the largest element on a line
+MISFITS = ("misfit", "missing")
+CASES = ("right", "file", *MISFITS)
+POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A revolute joint of the outside robot: place and axis in the frame before it, spring, motor (link side)."""
+
+    offset: np.ndarray
+    axis: int
+    k: float
+    d: float
+    f: float
+    motor: tuple[float, float] | None  # inertia, viscous friction
+    body: int  # that it moves, counted from 0
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A serial arm as plain numbers; q = joints, then motors; M, D, K about the equilibrium of held motors."""
+
+    joints: tuple[Joint, ...]
+    mass: np.ndarray
+    center: np.ndarray
+    inertia: np.ndarray  # (n_b, 3, 3)
+
+    @property
+    def driven(self) -> list[int]:
+        """Joints with motors."""
+        return [i for i, joint in enumerate(self.joints) if joint.motor is not None]
+
+    def frames(self, q: np.ndarray) -> list[np.ndarray]:
+        """4 x 4 transform of each joint's moved frame."""
+        T, frames = np.eye(4), []
+        for joint, angle in zip(self.joints, q, strict=False):
+            step = np.eye(4)
+            i, j = (joint.axis + 1) % 3, (joint.axis + 2) % 3
+            step[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+            step[:3, 3] = joint.offset
+            T = T @ step
+            frames.append(T)
+        return frames
+
+    def jacobian(self, q: np.ndarray, last: int, local: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Linear and angular Jacobian (3, n_l) of a point behind joint `last`, and its frame's rotation."""
+        frames = self.frames(q)
+        point = frames[last][:3, :3] @ local + frames[last][:3, 3]
+        Jv, Jw = np.zeros((3, len(self.joints))), np.zeros((3, len(self.joints)))
+        for i in range(last + 1):
+            axis = frames[i][:3, self.joints[i].axis]
+            Jv[:, i], Jw[:, i] = np.cross(axis, point - frames[i][:3, 3]), axis
+        return Jv, Jw, frames[last][:3, :3]
+
+    def last_joint(self, body: int) -> int:
+        """That moves a body."""
+        return max(i for i, joint in enumerate(self.joints) if joint.body == body)
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """d weight / d q in closed form."""
+        rows = [self.mass[b] * self.jacobian(q, self.last_joint(b), c)[0][2] for b, c in enumerate(self.center)]
+        return 9.81 * np.sum(rows, axis=0)
+
+    def matrices(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """M, D, K (n, n) with joints before motors, and the joints (n_l,) at rest."""
+        n_l, driven = len(self.joints), self.driven
+        rest = np.zeros(n_l)
+        rest[driven] = angles
+        k, held = np.array([joint.k for joint in self.joints]), rest.copy()
+
+        def hessian(q: np.ndarray) -> np.ndarray:
+            h = 1e-5
+            columns = [(self.gradient(q + h * e) - self.gradient(q - h * e)) / (2 * h) for e in np.eye(n_l)]
+            return (np.array(columns) + np.array(columns).T) / 2
+
+        for _ in range(8):
+            rest = rest - np.linalg.solve(np.diag(k) + hessian(rest), k * (rest - held) + self.gradient(rest))
+        n = n_l + len(driven)
+        M, D, K = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+        for b, c in enumerate(self.center):
+            Jv, Jw, R = self.jacobian(rest, self.last_joint(b), c)
+            M[:n_l, :n_l] += self.mass[b] * Jv.T @ Jv + Jw.T @ R @ self.inertia[b] @ R.T @ Jw
+        K[:n_l, :n_l] = hessian(rest)
+        for i, joint in enumerate(self.joints):
+            b = np.zeros(n)
+            b[i] = 1.0
+            D[i, i] += joint.f
+            if joint.motor is not None:
+                b[n_l + driven.index(i)] = -1.0
+                row = n_l + driven.index(i)
+                M[row, row], D[row, row] = joint.motor[0], joint.motor[1]
+            K, D = K + joint.k * np.outer(b, b), D + joint.d * np.outer(b, b)
+        return M, D, K, rest
+
+    def motor_response(self, angles: np.ndarray) -> np.ndarray:
+        """Acceleration of each motor per torque (F, n_u, n_u) on LINES."""
+        M, D, K, _ = self.matrices(angles)
+        s = 2j * np.pi * LINES[:, None, None]
+        n_l = len(self.joints)
+        return (s**2 * np.linalg.inv(s**2 * M + s * D + K))[:, n_l:, n_l:]
+
+    def tool(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """With the motors held: compliance (6, 6), natural frequencies, G (F, 3, 3) on ASKED, axes of the base."""
+        M, D, K, rest = self.matrices(angles)
+        n_l = len(self.joints)
+        M, D, K = M[:n_l, :n_l], D[:n_l, :n_l], K[:n_l, :n_l]
+        Jv, Jw, _ = self.jacobian(rest, n_l - 1, np.array(TOOL))
+        J = np.vstack([Jv, Jw])
+        A = np.block([[np.zeros_like(M), np.eye(n_l)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+        poles = np.linalg.eigvals(A)
+        s = 2j * np.pi * ASKED[:, None, None]
+        G = Jv @ np.linalg.inv(s**2 * M + s * D + K) @ Jv.T
+        return J @ np.linalg.solve(K, J.T), np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi), G
+
+
+def outside_of(robot: ei.Robot) -> Outside:
+    """The numbers of a robot's file; nothing of its equations."""
+    joints = []
+    for b, body in enumerate(robot.bodies):
+        for i, joint in enumerate(body.joints):
+            motor = joint.motor
+            drive = None if motor is None else (motor.inertia * motor.ratio**2, motor.viscous * motor.ratio**2)
+            offset = np.array(body.placement.xyz if i == 0 else (0, 0, 0), float)
+            spring = joint.spring
+            joints.append(Joint(offset, "xyz".index(joint.axis), spring.stiffness, spring.damping, 0.0, drive, b))
+    mass = np.array([body.mass for body in robot.bodies])
+    center = np.array([body.center_of_mass for body in robot.bodies])
+    return Outside(tuple(joints), mass, center, np.array([body.inertia_matrix for body in robot.bodies]))
+
+
+def measured(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResponse]:
+    """Responses of five postures with circular noise of known variance."""
+    responses = []
+    for i, angles in enumerate(POSTURES):
+        G = robot.motor_response(angles)
+        std = NOISE * np.broadcast_to(np.abs(G).max(axis=(1, 2), keepdims=True), G.shape)
+        G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+        places = tuple(f"motor {i + 1}" for i in range(3))
+        where = ei.Configuration(f"p{i}", angles)
+        noise = ei.Covariance(std**2, 1e4)
+        responses.append(ei.FrequencyResponse(LINES, G, places, places, "acceleration", where, noise=noise))
+    return responses
+
+
+def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
+    """The true robot and the file that the fit is given, its springs and dampers off."""
+    truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, (v, _) in nominal.parameters().items() if n[0] in "kd"}
+    other: dict[str, float] = {}
+    if case == "file":
+        bodies = nominal.bodies
+        other |= {f"m_{b.name}": b.mass * np.exp(0.03 * rng.standard_normal()) for b in bodies}
+        for b in bodies:
+            factor = np.exp(0.1 * rng.standard_normal())
+            axes = ("xx", "yy", "zz")
+            other |= {f"I_{b.name}_{a}": v * factor for a, v in zip(axes, b.inertia, strict=True)}
+            places = zip("xyz", b.center_of_mass, strict=True)
+            other |= {f"c_{b.name}_{a}": v + 0.01 * rng.standard_normal() for a, v in places}
+        motors = [(f"Jm_{j.name}", j.motor.inertia) for j in nominal.driven if j.motor is not None]
+        other |= {name: value * np.exp(0.05 * rng.standard_normal()) for name, value in motors}
+    if case == "misfit":
+        other["m_fore_arm"] = 1.06 * nominal.parameters()["m_fore_arm"][0]
+    given = {"k_2x": 1e3 * nominal.parameters()["k_2x"][0]} if case == "missing" else {}
+    tolerances = Tolerances(length="exact", angle="exact") if case == "file" else "exact"
+    return nominal.with_parameters(truth | other), replace(nominal.with_parameters(given), tolerances=tolerances)
+
+
+def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
+    """Relative errors and whether intervals hold, of `count` random postures of one fit."""
+    rng = np.random.default_rng([seed, sum(map(ord, case))])
+    robot = ei.load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
+    nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
+    true_robot, given = described(case, nominal, rng)
+    true = outside_of(true_robot)
+    free = {"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(), "fm_*": ei.ParameterSpec()}
+    if case == "missing":
+        free |= {f"{kind}_2x": ei.ParameterSpec(fixed=True) for kind in "kd"}
+    spec = ei.FitSpec(parameters=free, starts=1, seed=seed, weights=ei.WeightSpec(floor=0.0))
+    # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
+    fit = ei.identify if case in MISFITS else fit_parameters
+    result = fit(measured(true, rng), given, spec)
+    rows: dict[str, list[np.ndarray]] = {}
+    for angles in random_postures(nominal, count, seed):
+        C, freq_hz, G = true.tool(angles)
+        tool = result.at(angles, axes="world")
+        stiff, modes, band = tool.stiffness(), tool.modes(), tool.response_band(ASKED)
+        row = np.arange(3)
+        error = np.abs(band.G - G)
+        judged = {
+            "stiffness error": np.array(
+                [np.linalg.norm(stiff.compliance[:3, :3] - C[:3, :3]) / np.linalg.norm(C[:3, :3])]
+            ),
+            "stiffness inside": np.abs((stiff.compliance - C)[row, row]) <= 1.96 * stiff.compliance_std[row, row],
+            "modes error": np.abs(modes.freq_hz[:3] / freq_hz[:3] - 1),
+            "modes inside": np.abs(modes.freq_hz[:3] - freq_hz[:3]) <= 1.96 * modes.freq_std[:3],
+            "response error": np.array([np.linalg.norm(band.G - G) / np.linalg.norm(G)]),
+            "response inside": (error <= band.pointwise)[:, row, row].ravel(),
+            "band inside": np.all(error <= band.simultaneous, axis=0)[row, row],
+        }
+        for key, value in judged.items():
+            rows.setdefault(key, []).append(value)
+    return {key: np.concatenate(values) for key, values in rows.items()} | {"status": np.array([result.status])}
+
+
+def main() -> None:
+    """Each case, and one JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="few fits and postures, to see that it runs")
+    parser.add_argument("--fits", type=int, default=0, help="of each case (default: 20), ten postures each")
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES)
+    options = parser.parse_args()
+    fits, count = (options.fits or 3, 4) if options.quick else (options.fits or 20, 10)
+    summary: dict[str, dict[str, float]] = {}
+    for case in options.cases:
+        ends = []
+        for seed in range(fits):
+            ends.append(one_fit(case, seed, count))
+            shares = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
+            print(f"  {case}, fit {seed}: {', '.join(shares)}", flush=True)
+        own = {}
+        for key in ends[0]:
+            values = np.concatenate([end[key] for end in ends])
+            if key == "status":
+                own["misfits"] = float(np.mean(values == "misfit"))
+            elif key.endswith("error"):
+                own[f"{key}, median %"] = round(100 * float(np.median(values)), 4)
+                own[f"{key}, worst %"] = round(100 * float(values.max()), 4)
+            else:
+                own[f"{key} %"] = round(100 * float(values.mean()), 1)
+        summary[case] = own
+        print(case, own, flush=True)
+    print(json.dumps({"fits": fits, "postures": fits * count, **summary}))
+    for case, own in summary.items():
+        held = [value for key, value in own.items() if "inside" in key]
+        assert options.quick or min(held) >= (85 if case in MISFITS else 90), (case, own)
+        if case == "right":
+            assert own["stiffness error, worst %"] < 0.1, own
+            assert own["modes error, worst %"] < 0.1, own
+            assert own["response error, worst %"] < 1.0, own
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""A fitted arm of two elastic joints in a vertical plane, as if a fit had ended there, and its closed form."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from elastid.fit.parameter_choice import choose
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linearise import linearise
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
+
+STIFFNESS, DAMPING, MASS, OFFSET, INERTIA = (4e4, 2e4), (80.0, 40.0), (30.0, 20.0), (0.4, 0.35), (1.5, 1.0)
+LENGTH, TOOL, GRAVITY = 0.8, 0.6, 9.81
+STD = 0.02  # relative, of each stiffness and damping
+
+
+def robot() -> Robot:
+    """Two links with a tool at the end of the second."""
+    joints = [Joint(str(i + 1), "y", Spring(STIFFNESS[i], DAMPING[i]), Motor(2e-3, 80.0)) for i in range(2)]
+    upper = Body("upper", joints=(joints[0],), mass=MASS[0], center_of_mass=(OFFSET[0], 0, 0), inertia=INERTIA[0])
+    fore = Body("fore", "upper", Placement((LENGTH, 0, 0)), (joints[1],), MASS[1], (OFFSET[1], 0, 0), INERTIA[1])
+    return Robot("arm", (upper, fore), frames=(Frame("tool", "fore", Placement((TOOL, 0, 0))),))
+
+
+@cache
+def result(std: float = STD) -> FitResult:
+    """Stiffnesses and dampings of the robot with independent errors."""
+    chosen = choose(FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}), robot())
+    n = len(chosen.free)
+    home = linearise(
+        formulate(robot()), Configuration("home", np.array([0.3, 0.5])), formulate(robot()).theta, ("motor 1",),
+        "acceleration",
+    )  # fmt: skip
+    return FitResult(
+        chosen, chosen.x, std**2 * np.eye(n), 1.0, 1, 1.0, "converged", "done", (), 1, np.zeros(n, bool), np.ones(n),
+        "complex", linear=(home,), robot=robot(),
+    )  # fmt: skip
+
+
+def rest(angles: np.ndarray) -> np.ndarray:
+    """Joints (2,) at rest: k (q - angle) = torque of gravity, which pulls along -z and turns a positive angle down."""
+    q = np.array(angles, float)
+    for _ in range(20):
+        q = np.asarray(angles) - _gravity(q) / STIFFNESS
+    return q
+
+
+def _gravity(q: np.ndarray) -> np.ndarray:
+    a, b = q[0], q[0] + q[1]
+    second = -MASS[1] * GRAVITY * OFFSET[1] * np.cos(b)
+    return np.array([-GRAVITY * np.cos(a) * (MASS[0] * OFFSET[0] + MASS[1] * LENGTH) + second, second])
+
+
+def closed_form(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """M, D, K (2, 2) and J (2, 2) of the tool's x and z in the axes of the base, motors held."""
+    q = rest(angles)
+    a, b = q[0], q[0] + q[1]
+    coupling = MASS[1] * LENGTH * OFFSET[1] * np.cos(q[1])
+    m_22 = INERTIA[1] + MASS[1] * OFFSET[1] ** 2
+    m_11 = INERTIA[0] + MASS[0] * OFFSET[0] ** 2 + MASS[1] * LENGTH**2 + m_22 + 2 * coupling
+    M = np.array([[m_11, m_22 + coupling], [m_22 + coupling, m_22]])
+    second = GRAVITY * MASS[1] * OFFSET[1] * np.sin(b)
+    first = GRAVITY * np.sin(a) * (MASS[0] * OFFSET[0] + MASS[1] * LENGTH) + second
+    K = np.diag(STIFFNESS) + np.array([[first, second], [second, second]])
+    x_b, z_b = -TOOL * np.sin(b), -TOOL * np.cos(b)
+    J = np.array([[-LENGTH * np.sin(a) + x_b, x_b], [-LENGTH * np.cos(a) + z_b, z_b]])
+    return M, np.diag(DAMPING), K, J

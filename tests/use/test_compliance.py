@@ -1,0 +1,123 @@
+"""Quantities of many postures at once, held against one posture at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.fitted_models import fitted_model
+from plants.predicted_arm import result
+
+from elastid.base.propagation import propagate
+from elastid.fit.parameter_choice import choose
+from elastid.fit.posture import Asked
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.tolerances import with_tolerances
+from elastid.model.spec import ModelSpec
+from elastid.robot import Tolerances
+from elastid.use.compliance import Cut
+from elastid.use.linearised import ManyPostures
+from elastid.use.map import map_workspace
+from elastid.use.postures import random_postures
+
+LINES = np.geomspace(2.0, 80.0, 100)
+CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["arm", "scara", *(pytest.param(f"linkage_arm {of}", marks=pytest.mark.slow) for of in ("minimal", "constrained"))],
+)
+def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
+    """Serial robots by one function for all postures, linkages posture by posture; values and deviations."""
+    if name == "arm":
+        own = result()
+    else:
+        fitted = fitted_model(name)
+        spec = ModelSpec("minimal") if "minimal" in name else ModelSpec()
+        own = replace(fitted.result, robot=fitted.model.robot, equations=spec)
+    angles = np.atleast_2d(own.robot.joints[0].start + 0.1 * np.arange(6).reshape(2, 3))[:, : len(own.robot.driven)]
+    workspace = map_workspace(own, angles, CUT, lines_hz=LINES)
+    assert ManyPostures(own.family(Asked())).is_serial is not name.endswith("constrained")
+    for i, each in enumerate(workspace.angles):
+        model = own.at(each, axes="world")
+        stiff, modes = model.stiffness(), model.modes()
+        principal, directions = stiff.principal
+        assert workspace["softest_compliance"].value[i] == pytest.approx(principal[0], rel=1e-8)
+        assert abs(workspace.axes[i, :, 0] @ directions[:, 0]) == pytest.approx(1, abs=1e-6)
+        assert workspace["compliance_x"].std[i] == pytest.approx(stiff.compliance_std[0, 0], rel=1e-2)
+        assert workspace["deflection"].value[i] == pytest.approx(np.linalg.norm(stiff.compliance[:3, 2] * 50), rel=1e-8)
+        assert workspace["frequency_1"].value[i] == pytest.approx(modes.freq_hz[0], rel=1e-8)
+        assert workspace["frequency_1"].std[i] == pytest.approx(modes.freq_std[0], rel=1e-2)
+        assert workspace.share[i].sum() == pytest.approx(1, abs=0.03)  # the rest is gravity's
+
+
+def test_extremes_of_the_response_are_found_between_the_lines() -> None:
+    """A coarse grid gives the peak, the depth of cut and their deviations to those of a fine one."""
+    angles = np.array([[0.2, 0.9]])
+    workspace = map_workspace(result(), angles, CUT, lines_hz=LINES)
+    model = result().at(angles[0], axes="world")
+    fine = np.linspace(2, 80, 20001)
+    G = model.response(fine).G
+    assert workspace["dynamic_compliance"].value[0] == pytest.approx(
+        np.linalg.svd(G, compute_uv=False)[:, 0].max(), rel=1e-3
+    )
+    n = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+    lines = workspace.chatter_hz + np.linspace(-0.5, 0.5, 501)
+
+    def depth(x: np.ndarray) -> np.ndarray:
+        G = model._G(x, 2j * np.pi * lines[:, None, None])
+        return np.asarray(-1 / (2 * 700e6 * (n @ G @ n).real.min()))
+
+    spread = propagate(depth, model.estimated.x, model.estimated.covariance / 1e4)
+    assert workspace["depth_of_cut"].value[0] == pytest.approx(float(spread.value), rel=1e-6)
+    assert workspace["depth_of_cut"].std[0] / 100 == pytest.approx(float(spread.std), rel=0.02)
+    assert workspace["depth_of_cut"].value[0] == pytest.approx(-1 / (1.4e9 * (n @ G @ n).real.min()), rel=1e-3)
+
+
+def test_curves_have_the_band_of_a_single_posture() -> None:
+    """Along the softest direction."""
+    workspace = map_workspace(result(), np.array([[0.2, 0.9]]), lines_hz=LINES)
+    model, a = result().at([0.2, 0.9], axes="world"), workspace.axes[0, :, 0]
+    s = 2j * np.pi * workspace.curve_hz[:, None, None]
+    spread = propagate(lambda x: np.abs(a @ model._G(x, s) @ a), model.estimated.x, model.estimated.covariance / 1e4)
+    np.testing.assert_allclose(workspace.magnitude[0], spread.value, rtol=1e-8)
+    np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
+
+
+def test_a_posture_that_tips_over_is_refused_and_the_others_are_kept() -> None:
+    """An upright arm whose springs carry less than its weight."""
+    own = result()
+    soft = replace(own, x=own.x - np.where([p.name.startswith("k") for p in own.parameters.free], np.log(120), 0))
+    workspace = map_workspace(soft, np.array([[-np.pi / 2, 0.0], [np.pi / 2, 0.0]]), lines_hz=LINES)
+    assert workspace.refused == (0,)
+    assert workspace.asked.tolist() == [1]
+
+
+def test_a_cut_without_a_direction_or_with_a_negative_coefficient_is_refused() -> None:
+    """Before anything is computed."""
+    with pytest.raises(ValueError, match="zero vector"):
+        Cut(normal=(0, 0, 0))
+    with pytest.raises(ValueError, match="must be positive"):
+        Cut(cutting_coefficient=-1.0)
+    assert len(random_postures(result().robot, 7)) == 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
+def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
+    """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""
+    fitted = fitted_model(name)
+    robot = replace(fitted.model.robot, tolerances=Tolerances())
+    spec = FitSpec(parameters={"k_*": ParameterSpec()})
+    parameters = with_tolerances(choose(spec, robot), robot, spec)
+    n = len(parameters.free)
+    C = np.diag([1e-4 if p.prior is None else p.prior.std**2 for p in parameters.free]) / 9
+    ended = (1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n), "complex")
+    own = FitResult(parameters, parameters.x, C, *ended, robot=robot)
+    workspace = map_workspace(own, fitted.linear[0].configuration.angles[None], CUT, lines_hz=LINES)
+    model = own.at(fitted.linear[0].configuration.angles, axes="world")
+    assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)
+    assert workspace["frequency_1"].std[0] == pytest.approx(model.modes().freq_std[0], rel=0.05)

@@ -1,0 +1,90 @@
+"""Postures of paths, grids and random ones; inverse kinematics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.fitted_models import fitted_model
+from plants.predicted_arm import robot
+
+from elastid.base.errors import DataError, StudyError
+from elastid.model.closed_posture import are_closed, assembled, followed
+from elastid.model.kinematics import frame_poses
+from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["manutec", "linkage_arm minimal"])
+def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) -> None:
+    """Six axes with orientation, and a linkage by its position."""
+    own = fitted_model(name).model.robot
+    frame = own.frames[-1].name if own.frames else own.bodies[-1].name
+    angles = random_postures(own, 8, 3)
+    poses = frame_poses(own, followed(own, angles), frame)
+    rotation = poses.rotation if name == "manutec" else None
+    reached, found = inverse_kinematics(own, frame, poses.position, rotation)
+    assert found.mean() >= 0.85
+    low, high = limits_of(own).T
+    assert np.all((reached >= low) & (reached <= high))
+    there = frame_poses(own, followed(own, reached[found]), frame)
+    np.testing.assert_allclose(there.position, poses.position[found], atol=2e-6)
+
+
+def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
+    """Degrees by the name of the column; a pose out of reach is numbered."""
+    path = tmp_path / "path.csv"
+    path.write_text("2 (deg),1,note\n90,0.5,0\n", encoding="utf-8")
+    np.testing.assert_allclose(read_path(path, robot(), "tool").angles, [[0.5, np.pi / 2]])
+    path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
+    poses = read_path(path, robot(), "tool")
+    assert poses.unreached == (2,)
+    there = frame_poses(robot(), followed(robot(), poses.angles), "tool").position
+    np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n", "give one for each driven joint"),
+        ("1,2\n", "a row of names and a row for each posture"),
+        ("1,2\n0,up\n", "holds numbers alone"),
+        ("1,2\n0\n", "row 2 has 1 cells"),
+        ("1,2\n0,nan\n", "row 2 is not finite"),
+        ("x,y,z\n9,9,9\n", "within reach"),
+    ],
+)
+def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text: str, words: str) -> None:
+    """Columns, cells and rows."""
+    path = tmp_path / "path.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DataError, match=words):
+        read_path(path, robot(), "tool")
+
+
+@pytest.mark.slow
+def test_a_grid_fills_the_workspace_evenly() -> None:
+    """Of a robot that turns and bends: neighbours are one spacing apart."""
+    own = fitted_model("scara").model.robot
+    postures = grid_postures(own, "quill", 6)
+    at = np.unique(frame_poses(own, followed(own, postures), "quill").position.round(5), axis=0)
+    assert len(at) == len(postures) > 8
+    gaps = np.linalg.norm(at[:, None] - at[None], axis=2)[np.triu_indices(len(at), 1)]
+    longest = np.ptp(frame_poses(own, followed(own, random_postures(own, 2000)), "quill").position, axis=0).max()
+    assert gaps.min() == pytest.approx(longest / 5, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_random_postures_of_a_linkage_are_closed_and_none_is_about_to_fold_over() -> None:
+    """As a single posture is judged; some of those that are drawn are refused."""
+    own = fitted_model("irb4400_linkage minimal").model.robot
+    for angles in random_postures(own, 25, 1):
+        assembled(own, angles)
+    low, high = limits_of(own).T
+    drawn = np.random.default_rng(1).uniform(low, high, (200, len(low)))
+    joints = followed(own, drawn)
+    for angles, is_closed in zip(drawn[:25], are_closed(own, joints)[:25], strict=True):
+        if not is_closed:
+            with pytest.raises(StudyError):
+                assembled(own, angles)
