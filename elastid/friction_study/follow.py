@@ -1,14 +1,7 @@
 r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between. Before a band is believed its innovations are tested,
-
-.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
-          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
-          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
-
-(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) Noise of
-torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+continue, their covariance grown by the drift of the time between. `filter_consistency` judges it. Noise of torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
 
 .. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
 
@@ -23,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.stats import chi2
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
@@ -37,47 +29,7 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-
-
-@dataclass(frozen=True)
-class FilterThresholds:
-    """Thresholds of the judgement of a filter.
-
-    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
-    coloured-innovations 0, inconsistent-filter 0.
-    """
-
-    nis_band: tuple[float, float] = (0.5, 1.1)  # mean NIS of an honest filter; below 1 at rest and without drift
-    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
-    standing_share: float = 0.02  # of the largest velocity: a joint stands below
-    max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
-    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
-    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
-    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
-    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
-
-
-FILTER = FilterThresholds()
-
-
-@frozen_value
-class Consistency:
-    """Of the samples after a filter has settled.
-
-    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
-    autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    """
-
-    nis: float
-    nis_at_stops: float
-    band: tuple[float, float]
-    autocorrelation: FloatArray
-    n_eff: float
-
-    @property
-    def is_white(self) -> bool:
-        """True if innovations are barely correlated from sample to sample."""
-        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
+from elastid.friction_study.filter_consistency import FILTER, Consistency, consistency
 
 
 @dataclass(frozen=True)
@@ -97,26 +49,6 @@ class Direction:
         return " with ".join(together) + (" against " + " with ".join(against) if against else "")
 
 
-def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
-    """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
-    first = round(settled_s * track.rate_hz)
-    nis = track.nis[first:]
-    if len(nis) <= lags:
-        raise ValueError(f"{len(nis)} samples after {settled_s:g} s are too few to judge a filter; record longer")
-    at_stops = _around_stops(track)[first:]
-    nu = track.innovation[first:] / np.sqrt(track.variance[first:])
-    power = float(nu @ nu)
-    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
-    n_eff = max(1.0, len(nu) * (1 - rho[1]) / (1 + rho[1]))
-    return Consistency(
-        nis=float(nis.mean()),
-        nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
-        band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
-        autocorrelation=rho,
-        n_eff=float(min(n_eff, len(nu))),
-    )
-
-
 def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
     """The combination of followed numbers that the log constrains least; prior_std (p,): of each before the log."""
     names = track.joint.followed
@@ -130,16 +62,6 @@ def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
     """True (n, p) where a number is no better known than its std (n, p) or (p,) without the log, drift included."""
     std = np.sqrt(np.diagonal(track.followed_covariance, axis1=1, axis2=2))
     return np.asarray(std > FILTER.max_std_ratio * prior_std)
-
-
-def _around_stops(track: Track) -> BoolArray:
-    """Samples within `around_a_stop_s` of one at which the joint stands."""
-    speed = np.abs(track.values("v_m"))
-    stands = speed < FILTER.standing_share * float(np.quantile(speed, 0.99))
-    reach = round(FILTER.around_a_stop_s * track.rate_hz)
-    if not stands.any() or stands.all():
-        return np.zeros(len(stands), bool)
-    return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)
 
 
 def estimate_noise(
@@ -267,12 +189,14 @@ def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise,
 
 def _resumed(joint: FollowedJoint, last: Estimate, motion: Motion, noise: FilterNoise, pause_s: float) -> Estimate:
     """At rest where the motion begins, friction as it was, less certain by the drift of the pause."""
-    p = len(joint.followed)
+    p, n = len(joint.followed), len(joint.states)
     begun = _at_start(joint, motion.samples)
     x, P = begun.x.copy(), begun.P.copy()
     x[-p:] = last.x[-p:]
     drift = [noise.drift.get(name, 0.0) ** 2 * pause_s for name in joint.followed]
-    P[-p:, -p:] = last.P[-p:, -p:] + np.diag(drift)
+    P[-p:] = last.P[-p:]
+    P[-p:, : n - p] = 0.0
+    P[-p:, n - p : n] += np.diag(drift)
     return Estimate(x, P)
 
 
@@ -280,9 +204,10 @@ def _joined(tracks: Sequence[Track]) -> Track:
     last = tracks[-1]
     parts = {
         name: np.concatenate([getattr(track, name) for track in tracks])
-        for name in ("x", "std", "followed_covariance", "innovation", "variance")
+        for name in ("x", "std", "followed_covariance", "innovation", "variance", "memory_s")
     }
-    return Track(last.joint, last.rate_hz, last=last.last, **parts)
+    starts = np.cumsum([0, *(len(track.innovation) for track in tracks[:-1])]).tolist()
+    return Track(last.joint, last.rate_hz, last=last.last, starts=tuple(starts), **parts)
 
 
 def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:

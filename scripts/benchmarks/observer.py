@@ -95,7 +95,7 @@ def main() -> None:
             given = [part.ctypes.data_as(ctypes.c_void_p) for part in (samples.torque, samples.load, samples.angle)]
 
             def run() -> FloatArray:
-                x, P = start.x.copy(), start.P.copy()
+                x, P = start.x.copy(), start.P.ravel(order="F")
                 library.over(n, *(part.ctypes.data_as(ctypes.c_void_p) for part in (x, P)), *given)
                 return x
 
