@@ -59,7 +59,7 @@ def _functions(name: str, observer: Observer, step: ca.Function) -> str:
     return f"""
 void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
   static const double x_start[{n}] = {c_row(start.x)};
-  static const double P_start[{size}] = {c_row(start.P.ravel(order='F'))};
+  static const double P_start[{size}] = {c_row(start.P.ravel(order="F"))};
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
   for (int i = 0; i < {size}; i++) P[i] = P_start[i];
   (void)load;
@@ -82,8 +82,8 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
-    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of the numbers that"]
-    lines += ["are held: P goes on, state by state, with the cross covariance of each over its std. States of each joint:", ""]
+    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers"]
+    lines += ["that are held: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
     declared = []
     for name, observer in observers.items():
         states, key = observer.joint.states, identifiers[name]

@@ -14,9 +14,9 @@ One sample of the filter is a CasADi function:
    K = P^- h / S, \quad S = h^T P^- h + R, \quad e = y - h^T x^-, \\
    x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T
 
-with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Numbers c that
-the filter holds (F_s / F_c, Stribeck velocity, inertia, stiffness, gravity) are wrong by some percent, which its bands
-have: they are consider parameters (Schmidt, Advances in Control Systems 3, 1966), never updated, with their cross
+with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Numbers c
+that the filter holds (F_s / F_c, Stribeck velocity, inertia, stiffness, gravity) are wrong by some percent, and its
+bands have that: they are consider parameters (Schmidt, Advances in Control Systems 3, 1966), never updated, with cross
 covariance Sigma in units of their standard deviations sigma,
 
 .. math::
@@ -26,9 +26,9 @@ covariance Sigma in units of their standard deviations sigma,
 F_s / F_c and its velocity have a share in the gain, so that what is learnt near stops weighs less. The others have
 none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
 
-Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the bristle:
-(slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for certain,
-while one that slides by more than z_s in a sample has it at its end.
+Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
+bristle: (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for
+certain, while one that slides by more than z_s in a sample has it at its end.
 """
 
 from __future__ import annotations
@@ -40,14 +40,13 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
-
 
 # Relative standard deviations of numbers that a filter holds, where none are known. F_s / F_c falls by a tenth while a
 # gear warms up, however well it was identified cold.
@@ -238,6 +237,8 @@ def _symmetric(A: ca.SX) -> ca.SX:
     return ca.tril2symm(ca.tril(A))
 
 
+# A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
+COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
 # Samples that one call of the compiled loop takes.
 PIECE = 1000
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
@@ -271,9 +272,10 @@ class Estimate:
 class Track:
     """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
-    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected, without that of
-    held numbers that have no share in the gain.  memory_s (n, p): over which each followed number is a mean: its
-    variance of that kind over the rate of its drift.  starts: first samples of the motions.
+    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
+    covariance are without the errors of held numbers that have no share in the gain; std has all.
+    drift (p,): of the followed numbers, in a root second.  moves (n,): by MOVING of a count or more, so that rounding
+    is noise.  starts: first samples of the motions.
     """
 
     joint: FollowedJoint
@@ -284,7 +286,8 @@ class Track:
     innovation: FloatArray
     variance: FloatArray
     last: Estimate
-    memory_s: FloatArray
+    drift: FloatArray
+    moves: BoolArray
     starts: tuple[int, ...] = (0,)
 
     @property
@@ -339,13 +342,14 @@ class KalmanFilter:
             piece = slice(first, min(first + PIECE, n))
             x[piece], P[piece], e[piece], S[piece] = self._piece(samples, piece, given, estimate)
             estimate = Estimate(x[piece.stop - 1].copy(), P[piece.stop - 1].copy())
-        p = len(self.joint.followed)
-        variances, own = np.diagonal(P, axis1=1, axis2=2), P[:, n_x - p :, n_x - p : n_x].copy()
+        followed = slice(n_x - len(self.joint.followed), n_x)
         ignored = [n_x + i for i, name in enumerate(self.joint.held) if name not in WEIGHED]
-        weighed = variances[:, n_x - p :] - np.sum(P[:, n_x - p :, ignored] ** 2, axis=2)
+        cross = P[:, followed, ignored] if ignored else np.zeros((n, len(self.joint.followed), 0))
+        covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
+        std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
-        memory_s = weighed / np.maximum(drift, 1e-30) ** 2
-        return Track(self.joint, self.rate_hz, x, np.sqrt(variances), own, e, S, estimate, memory_s)
+        moves = np.abs(x[:, self.joint.states.index("v_m")]) > MOVING * COUNT_OVER_STD * noise.angle * self.rate_hz
+        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, moves)
 
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate

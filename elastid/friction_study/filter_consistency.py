@@ -1,4 +1,4 @@
-r"""Judgement of a filter of friction by its own track: size, whiteness and repetition of innovations, movement of numbers.
+r"""Judgement of a filter of friction by its own track: its innovations, and how far its numbers move.
 
 Before a band is believed its innovations are tested,
 
@@ -42,6 +42,7 @@ class FilterThresholds:
     around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
     standing_share: float = 0.02  # of the largest velocity: a joint stands below
     max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
+    least_moving: float = 0.1  # of the samples: below, innovations at standstill count for correlation too
     max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
     weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
     distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
@@ -83,7 +84,7 @@ class StopPattern:
 
 @frozen_value
 class Consistency:
-    """Of the samples after a filter has settled.
+    """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
     nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
     autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
@@ -122,20 +123,24 @@ class Consistency:
 def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
     """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
     first = round(settled_s * track.rate_hz)
-    nis = track.nis[first:]
-    if len(nis) <= lags:
-        raise ValueError(f"{len(nis)} samples after {settled_s:g} s are too few to judge a filter; record longer")
-    at_stops = _around_stops(track)[first:]
-    nu = track.innovation[first:] / np.sqrt(track.variance[first:])
+    if len(track.innovation) - first <= lags:
+        left = max(0, len(track.innovation) - first)
+        raise ValueError(f"{left} samples after {settled_s:g} s are too few to judge a filter; record longer")
+    # At standstill the error of a rounded angle is constant, and no noise.
+    moves = (
+        track.moves[first:] if track.moves[first:].mean() > FILTER.least_moving else np.ones_like(track.moves[first:])
+    )
+    nis, at_stops = track.nis[first:], _around_stops(track)[first:] & moves
+    nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
-    n_eff = max(1.0, len(nu) * (1 - rho[1]) / (1 + rho[1]))
+    n_eff = max(1.0, moves.sum() * (1 - rho[1]) / (1 + rho[1]))
     return Consistency(
-        nis=float(nis.mean()),
+        nis=float(nis[moves].mean()),
         nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
         band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
         autocorrelation=rho,
-        n_eff=float(min(n_eff, len(nu))),
+        n_eff=float(min(n_eff, moves.sum())),
         movements=tuple(_movements(track, first)),
         at_stops=tuple(_patterns_at_stops(track, first)),
     )
@@ -147,7 +152,9 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
     x, variance = track.x[first:, -p:], track.std[first:, -p:] ** 2
     bounds = [max(0, start - first) for start in track.starts] + [len(x)]
     longest_s = max(b - a for a, b in pairwise(bounds)) / track.rate_hz
-    memories_s = np.mean(track.memory_s[first:], axis=0).tolist()
+    # A number is a mean over its memory: its variance over the rate of its drift.
+    own = np.mean(np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2), axis=0)
+    memories_s = (own / np.maximum(track.drift, 1e-30) ** 2).tolist()
     for i, name in enumerate(track.joint.followed):
         found = []
         for lag_s in (*FILTER.lags_s, max(memories_s[i], FILTER.lags_s[0])):

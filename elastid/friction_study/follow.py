@@ -1,7 +1,8 @@
 r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between. `filter_consistency` judges it. Noise of torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+continue, their covariance grown by the drift of the time between; `filter_consistency` judges it. Noise of torque and
+angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
 
 .. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
 
@@ -11,8 +12,8 @@ that is correlated in time (ripple, cogging, cables): taken for white, it makes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -21,6 +22,8 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.extended_kalman_filter import (
+    COUNT_OVER_STD,
+    MOVING,
     Estimate,
     FilterNoise,
     FollowedJoint,
@@ -30,6 +33,7 @@ from elastid.friction_study.extended_kalman_filter import (
     first_estimate,
 )
 from elastid.friction_study.filter_consistency import FILTER, Consistency, consistency
+from elastid.friction_study.result import JointFriction
 
 
 @dataclass(frozen=True)
@@ -67,9 +71,10 @@ def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
-    """The most likely noise over seconds that move and stop as the log does; of the angle at least as guessed."""
+    """The most likely noise over samples that move (Track.moves); of the angle at least as guessed."""
     names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
-    first = round(settled_s * kalman.rate_hz)
+    judged = _moving(samples, COUNT_OVER_STD * guess.angle)
+    judged[: round(settled_s * kalman.rate_hz)] = False
     limit = np.log(1e3)
 
     def noise_at(x: FloatArray) -> FilterNoise:
@@ -79,7 +84,7 @@ def estimate_noise(
 
     def cost(x: FloatArray) -> float:
         track = kalman.run(samples, noise_at(x), start)
-        S, e = track.variance[first:], track.innovation[first:]
+        S, e = track.variance[judged], track.innovation[judged]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
@@ -88,6 +93,15 @@ def estimate_noise(
     simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
     options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
+
+
+def _moving(samples: JointSamples, count: float) -> BoolArray:
+    """True (n,) where the angle moves by MOVING counts a sample; everywhere if it seldom does."""
+    # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
+    reach = 5
+    span = np.abs(samples.angle[2 * reach :] - samples.angle[: -2 * reach])
+    moves = np.pad(span >= 2 * reach * MOVING * count, reach)
+    return moves if moves.mean() > FILTER.least_moving else np.ones(len(moves), bool)
 
 
 # Lags of the autocorrelation.
@@ -130,6 +144,11 @@ class FollowedFriction:
     rate_hz: float
     notes: tuple[Note, ...] = ()
 
+    @property
+    def is_honest(self) -> bool:
+        """True if no test finds the bands too narrow; `notes` say which does."""
+        return self.consistency.is_honest
+
 
 def follow(
     name: str,
@@ -171,6 +190,42 @@ def follow(
     )  # fmt: skip
 
 
+# Relative std of F_s / F_c, and the Stribeck velocity over the top speed, where the data cannot identify stiction.
+UNKNOWN_STICTION, USUAL_STRIBECK_SHARE = 0.2, 0.05
+
+
+def with_tolerances(joint: FollowedJoint, identified: JointFriction, top_speed: float) -> FollowedJoint:
+    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    known = dict(joint.tolerances)
+    if identified.static is not None:
+        numbers = identified.static.intervals
+        for name, held in (("stiction", "stiction_ratio"), ("stribeck_velocity", "stribeck_velocity")):
+            if name in numbers:
+                known[held] = float(np.hypot(known[held], numbers[name][1] / numbers[name][0]))
+    shared = _shared(identified)
+    if "inertia" in shared:
+        value, std = shared["inertia"]
+        own = joint.motor_inertia + joint.link_inertia
+        # Inertias and the spring of a robot's file are usual ones; an identified inertia may also contradict them.
+        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.is_elastic else std / value
+    gravity = np.array([shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared])
+    if gravity.size:
+        size, std = np.linalg.norm(gravity, axis=0).tolist()
+        known["gravity"] = std / max(size, 1e-300)
+    if any(held.part == "stribeck" for held in identified.missing):
+        known["stiction_ratio"] = UNKNOWN_STICTION
+        joint = replace(joint, stribeck_velocity=joint.stribeck_velocity or USUAL_STRIBECK_SHARE * top_speed)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
+
+
+def _shared(identified: JointFriction) -> Mapping[str, tuple[float, float]]:
+    """Value and std of what is no friction, as the study has identified them: inertia, parts of gravity."""
+    if identified.motion is not None:
+        chosen = identified.motion.chosen
+        return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
+    return {} if identified.levels is None else identified.levels.shared
+
+
 def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
     return first_estimate(joint, float(samples.angle[0]), float(samples.load[0]))
 
@@ -204,10 +259,10 @@ def _joined(tracks: Sequence[Track]) -> Track:
     last = tracks[-1]
     parts = {
         name: np.concatenate([getattr(track, name) for track in tracks])
-        for name in ("x", "std", "followed_covariance", "innovation", "variance", "memory_s")
+        for name in ("x", "std", "followed_covariance", "innovation", "variance", "moves")
     }
     starts = np.cumsum([0, *(len(track.innovation) for track in tracks[:-1])]).tolist()
-    return Track(last.joint, last.rate_hz, last=last.last, starts=tuple(starts), **parts)
+    return Track(last.joint, last.rate_hz, last=last.last, drift=last.drift, starts=tuple(starts), **parts)
 
 
 def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
@@ -256,7 +311,7 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
 
 
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
-    if not judged.is_white and judged.autocorrelation[1] > 0:  # alternating ones make no band too narrow
+    if judged.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
         text = (
             f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "
             f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "
@@ -272,3 +327,21 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
         )
         yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "information")
+    for moved in judged.restless:
+        change = f"{moved.change:.3g}" if moved.name == "offset" else f"{moved.change:.1%}"
+        text = (
+            f"{moved.name} changes by {change} (rms) within {moved.lag_s:.2g} s, {np.sqrt(2 * moved.ratio):.2g} times "
+            "the std of its band: friction depends on the angle or the load, gravity is wrong, or it changes faster "
+            "than filter.drift has it, and the bands are too narrow; correct gravity and payload, or give a larger "
+            "filter.drift"
+        )
+        yield Note("moves-beyond-band", text, place, severity="warning")
+    if repeated := [pattern for pattern in judged.at_stops if pattern.repeats]:
+        worst = max(repeated, key=lambda pattern: abs(pattern.mean))
+        way = "farther" if worst.mean > 0 else "less far"
+        text = (
+            f"{worst.kind}, the joint goes {way} than predicted, by {abs(worst.mean):.2g} std of the noise on average "
+            f"of {worst.events} times: stiction, inertia or gravity is not that of the joint, and the bands are too "
+            "narrow; correct them, or identify the friction again"
+        )
+        yield Note("repeats-at-stops", text, place, severity="warning")

@@ -28,7 +28,7 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, Motion, follow
+from elastid.friction_study.follow import FollowedFriction, Motion, follow, with_tolerances
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
@@ -303,7 +303,9 @@ def _words(followed: FollowedFriction) -> str:
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)
     ]
-    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}"
+    judged = followed.consistency
+    verdict = "no test doubts the bands" if judged.is_honest else "the bands are too narrow, as the warnings say"
+    return f"at the end {', '.join(ends)}; mean NIS {number(judged.nis, 3)}; {verdict}"
 
 
 def _joint(
@@ -327,11 +329,20 @@ def _joint(
     angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
     elastic = held_joint(robot, identified.joint, angles)
     if elastic is None:
-        return FollowedJoint(_inertia(identified), followed=spec.states, **known)
-    return FollowedJoint(
-        elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness, damping=elastic.damping,
-        followed=spec.states, **known,
-    )  # fmt: skip
+        joint = FollowedJoint(_inertia(identified), followed=spec.states, **known)
+    else:
+        joint = FollowedJoint(
+            elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness,
+            damping=elastic.damping, followed=spec.states, **known,
+        )  # fmt: skip
+    return with_tolerances(joint, identified, max(_top_speed(record) for record in records))
+
+
+def _top_speed(record: FrictionRecord) -> float:
+    """That of a motion, over tenths of a second."""
+    reach = max(1, round(0.1 * record.rate_hz))
+    travel = np.abs(record.position[reach:] - record.position[:-reach])
+    return float(np.max(travel, initial=0.0)) * record.rate_hz / reach
 
 
 def _count(record: FrictionRecord) -> float:

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
-from elastid.friction_study.follow import FILTER, FollowedFriction
+from elastid.friction_study.filter_consistency import FILTER
+from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.levels import PassLevels
