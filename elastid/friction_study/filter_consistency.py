@@ -8,10 +8,10 @@ Before a band is believed its innovations are tested,
 
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
 not see errors of the model that the followed numbers take up. Two tests see these. A number moves, within a lag up to
-the filter's memory, by no more than its band holds; and the innovations within 0.2 s of a stop, which the joint reaches
+the filter's memory, by no more than noise and drift allow and its band holds; and the innovations within 0.2 s of a stop, which the joint reaches
 or leaves forwards or backwards, have the mean 0 over such events,
 
-.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} \le \frac{1}{2}, \qquad
+.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} , \qquad
           z = \overline{\frac{\pm 1}{\sqrt n} \sum_{k = 1}^n \nu_k}
 
 so that what repeats at each stop (stiction, inertia, gravity) shows.
@@ -47,7 +47,8 @@ class FilterThresholds:
     weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
     distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
-    max_movement: float = 0.5  # mean square, over the variances of both ends; 1 of errors that do not depend
+    max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
+    max_excess: float = 2.0  # the same over what noise and drift allow
     max_at_stops: float = 4.0  # mean of z over events of a kind; 1 / sqrt(events) by chance
     repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
     least_events: int = 4
@@ -59,12 +60,22 @@ FILTER = FilterThresholds()
 
 @dataclass(frozen=True)
 class Movement:
-    """A followed number within lag_s: its change, root mean square, and mean square over the variances of both ends."""
+    """A followed number within lag_s: its change, root mean square.
+
+    ratio: mean square over the variances of its band at both ends.  excess: over those without the errors of held
+    numbers, and the drift of the lag.
+    """
 
     name: str
     lag_s: float
     change: float
     ratio: float
+    excess: float
+
+    @property
+    def size(self) -> float:
+        """Above 1 where it is beyond what noise and drift allow, and the band cannot hold it."""
+        return min(self.ratio / FILTER.max_movement, self.excess / FILTER.max_excess)
 
 
 @dataclass(frozen=True)
@@ -112,7 +123,7 @@ class Consistency:
     @property
     def restless(self) -> tuple[Movement, ...]:
         """Numbers that move by more than their bands hold."""
-        return tuple(movement for movement in self.movements if movement.ratio > FILTER.max_movement)
+        return tuple(movement for movement in self.movements if movement.size > 1)
 
     @property
     def is_white(self) -> bool:
@@ -153,8 +164,8 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
     bounds = [max(0, start - first) for start in track.starts] + [len(x)]
     longest_s = max(b - a for a, b in pairwise(bounds)) / track.rate_hz
     # A number is a mean over its memory: its variance over the rate of its drift.
-    own = np.mean(np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2), axis=0)
-    memories_s = (own / np.maximum(track.drift, 1e-30) ** 2).tolist()
+    own = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
+    memories_s = (np.mean(own, axis=0) / np.maximum(track.drift, 1e-30) ** 2).tolist()
     for i, name in enumerate(track.joint.followed):
         found = []
         for lag_s in (*FILTER.lags_s, max(memories_s[i], FILTER.lags_s[0])):
@@ -163,8 +174,10 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
             pairs = np.concatenate([np.arange(a, max(a, b - lag)) for a, b in pairwise(bounds)])
             square = (x[pairs + lag, i] - x[pairs, i]) ** 2
             ratio = float(np.mean(square / (variance[pairs, i] + variance[pairs + lag, i])))
-            found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio))
-        yield max(found, key=lambda movement: movement.ratio)
+            noise = own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s
+            excess = float(np.mean(square / noise))
+            found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
+        yield max(found, key=lambda movement: movement.size)
 
 
 def _patterns_at_stops(track: Track, first: int) -> Iterator[StopPattern]:
