@@ -7,9 +7,9 @@ Before a band is believed its innovations are tested,
           n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
 
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
-not see errors of the model that the followed numbers take up. Two tests see these. A number moves, within a lag up to
-the filter's memory, by no more than noise and drift allow and its band holds; and the innovations within 0.2 s of a stop, which the joint reaches
-or leaves forwards or backwards, have the mean 0 over such events,
+not see errors of the model that the followed numbers take up. Two tests see these: a number moves, within a lag up to
+the filter's memory, by no more than noise and drift allow, where its band does not hold that; and the innovations
+within 0.2 s of a stop, which the joint reaches or leaves forwards or backwards, have the mean 0 over such events,
 
 .. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} , \qquad
           z = \overline{\frac{\pm 1}{\sqrt n} \sum_{k = 1}^n \nu_k}

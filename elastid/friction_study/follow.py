@@ -330,9 +330,10 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
     for moved in judged.restless:
         change = f"{moved.change:.3g}" if moved.name == "offset" else f"{moved.change:.1%}"
         text = (
-            f"{moved.name} changes by {change} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} times what "
-            "noise and filter.drift allow: friction depends on the angle or the load, gravity is wrong, or friction "
-            "changes faster, and the bands are too narrow; correct gravity and payload, or give a larger filter.drift"
+            f"{moved.name} changes by {change} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} times as "
+            "much as noise and filter.drift allow: friction depends on the angle or the load, gravity is wrong, or "
+            "friction changes faster, and the bands are too narrow; correct gravity and payload, or give a larger "
+            "filter.drift"
         )
         yield Note("moves-beyond-band", text, place, severity="warning")
     if repeated := [pattern for pattern in judged.at_stops if pattern.repeats]:

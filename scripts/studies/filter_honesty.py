@@ -296,7 +296,8 @@ def table(draws: int, motions: list[str], cases: list[str]) -> dict[str, dict[st
             codes = sorted({code for row in found for code in row.notes})
             print(
                 f"{motion:10} {case:26} in band {values['held']:4.0%}  NEES {values['nees']:6.2f}  "
-                f"std {values['std']:.1%}  NIS {values['nis']:.2f}  honest {values['is_honest']:4.0%}  {', '.join(codes)}",
+                f"std {values['std']:.1%}  NIS {values['nis']:.2f}  honest {values['is_honest']:4.0%}  "
+                f"{', '.join(codes)}",
                 flush=True,
             )
     return rows
