@@ -49,7 +49,8 @@ class FilterThresholds:
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
     max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
     max_excess: float = 2.0  # the same over what noise and drift allow
-    max_at_stops: float = 4.0  # mean of z over events of a kind; 1 / sqrt(events) by chance
+    max_before_stops: float = 1.75  # mean of z over events of a kind; 1 / sqrt(events) by chance
+    max_after_stops: float = 4.0  # the same; 3 where stiction is off by as much as the band has
     repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
     least_events: int = 4
     diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
@@ -90,7 +91,8 @@ class StopPattern:
     @property
     def repeats(self) -> bool:
         """True if the events have the same sign beyond chance."""
-        return abs(self.mean) > max(FILTER.max_at_stops, FILTER.repeating_stds * self.std)
+        limit = FILTER.max_before_stops if self.kind.startswith("before") else FILTER.max_after_stops
+        return abs(self.mean) > max(limit, FILTER.repeating_stds * self.std)
 
 
 @frozen_value

@@ -149,6 +149,11 @@ class FollowedFriction:
         """True if no test finds the bands too narrow; `notes` say which does."""
         return self.consistency.is_honest
 
+    @property
+    def verdict(self) -> str:
+        """If the bands are to be believed."""
+        return "no test doubts the bands" if self.is_honest else "the bands are too narrow, as the warnings say"
+
 
 def follow(
     name: str,

@@ -303,9 +303,7 @@ def _words(followed: FollowedFriction) -> str:
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)
     ]
-    judged = followed.consistency
-    verdict = "no test doubts the bands" if judged.is_honest else "the bands are too narrow, as the warnings say"
-    return f"at the end {', '.join(ends)}; mean NIS {number(judged.nis, 3)}; {verdict}"
+    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"
 
 
 def _joint(

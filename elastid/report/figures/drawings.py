@@ -271,8 +271,9 @@ def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     caption = (
-        "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
-        "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
+        f"friction followed by a Kalman filter over the motions, with 95 % bands, which have the errors of {held}. "
+        "Below: innovations squared over the variance that the filter expects (NIS), and their autocorrelation. "
+        f"{followed.verdict.capitalize()}. "
         f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
     )
     return "filter", caption, partial(friction_records.friction_filter, followed)
