@@ -270,8 +270,11 @@ def _of_joint(joint: JointFriction) -> Iterator[Named]:
 def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
+    joint = followed.filtered
+    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
+    with_errors = f", which have the errors of {', '.join(held)}" if held else ""
     caption = (
-        f"friction followed by a Kalman filter over the motions, with 95 % bands, which have the errors of {held}. "
+        f"friction followed by a Kalman filter over the motions, with 95 % bands{with_errors}. "
         "Below: innovations squared over the variance that the filter expects (NIS), and their autocorrelation. "
         f"{followed.verdict.capitalize()}. "
         f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
