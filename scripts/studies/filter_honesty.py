@@ -238,12 +238,12 @@ class Row:
 
 
 def judged(kalman: KalmanFilter, axis: Axis, log: Log) -> Row:
-    """A log followed, with the noise that is found in its first 15 s."""
+    """A log followed, with the noise that is found in its first 7 s."""
     guess = FilterNoise(
         axis.count / np.sqrt(12), 0.05 * axis.coulomb,
         drift={"Fc": DRIFT, "f": DRIFT, "offset": DRIFT * axis.coulomb},
     )  # fmt: skip
-    s, cut = log.samples, slice(0, round(15 * axis.rate_hz))
+    s, cut = log.samples, slice(0, round(7 * axis.rate_hz))
     start = first_estimate(kalman.joint, float(s.angle[0]), float(s.load[0]))
     noise = estimate_noise(kalman, JointSamples(s.torque[cut], s.load[cut], s.angle[cut]), guess, start, 1.0)
     track = kalman.run(s, noise, start)

@@ -243,7 +243,7 @@ def friction_filter(followed: FollowedFriction) -> Figure:
         style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")
     nis, correlation = panels[-2:]
     nis.plot(time, followed.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
-    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
+    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="mean NIS of an honest filter")
     nis.set_yscale("log")
     style.label(nis, f"time in {unit}", "NIS")
     rho = followed.consistency.autocorrelation
