@@ -166,6 +166,12 @@ def follow(
     find_noise: bool,
 ) -> FollowedFriction:
     """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
+    duration_s = sum(len(motion.samples.angle) for motion in motions) / rate_hz
+    if duration_s <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            f"joint {name}: its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record longer, "
+            "or give filter.settle"
+        )
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
     noise = guess
@@ -177,11 +183,6 @@ def follow(
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)
     track = _joined(tracks)
-    if len(track.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
-        raise DataError(
-            f"joint {name}: its motions last {len(track.innovation) / rate_hz:.3g} s and the filter settles in "
-            f"{settle_s:g} s; record longer, or give filter.settle"
-        )
     judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
     weakest = weakest_direction(track, prior)
     values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
