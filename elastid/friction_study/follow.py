@@ -169,8 +169,8 @@ def follow(
     duration_s = sum(len(motion.samples.angle) for motion in motions) / rate_hz
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
-            f"joint {name}: its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record longer, "
-            "or give filter.settle"
+            f"joint {name}: its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
+            "longer, or give filter.settle"
         )
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
