@@ -92,7 +92,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "coloured-innovations": "max_correlation",
         "inconsistent-filter": "nis_band around_a_stop_s standing_share least_moving",
         "moves-beyond-band": "lags_s max_movement",
-        "repeats-at-stops": "max_before_stops max_after_stops repeating_stds least_events",
+        "repeats-at-stops": "max_before_stops max_square_before_stops max_after_stops repeating_stds least_events",
     },
 }
 

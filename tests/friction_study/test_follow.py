@@ -43,7 +43,7 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
 def test_a_filter_whose_nis_leaves_its_band_says_so() -> None:
     """At stops, where it takes the bristle for certain; and correlated innovations are said beside it."""
     found = notes(followed(simulate(stops_and_moves(7), 1), noise=replace(NOISE, slip=0.0)))
-    assert "outside 0.5 to 1.1: innovations are larger than expected" in found["inconsistent-filter"]
+    assert "outside 0.5 to 1.15: innovations are larger than expected" in found["inconsistent-filter"]
     assert "give filter.correlation_time" in found["coloured-innovations"]
 
 
