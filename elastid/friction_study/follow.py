@@ -196,11 +196,7 @@ def follow(
     )  # fmt: skip
 
 
-# Relative std of F_s / F_c, and the Stribeck velocity over the top speed, where the data cannot identify stiction.
-UNKNOWN_STICTION, USUAL_STRIBECK_SHARE = 0.2, 0.05
-
-
-def with_tolerances(joint: FollowedJoint, identified: JointFriction, top_speed: float) -> FollowedJoint:
+def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
     """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
     known = dict(joint.tolerances)
     if identified.static is not None:
@@ -218,9 +214,6 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction, top_speed: 
     if gravity.size:
         size, std = np.linalg.norm(gravity, axis=0).tolist()
         known["gravity"] = std / max(size, 1e-300)
-    if any(held.part == "stribeck" for held in identified.missing):
-        known["stiction_ratio"] = UNKNOWN_STICTION
-        joint = replace(joint, stribeck_velocity=joint.stribeck_velocity or USUAL_STRIBECK_SHARE * top_speed)
     return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
 
 

@@ -88,7 +88,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
     unlikely = {}
     for bend in (1e-6, 25e-6):
         # Without doubts about what the filter holds.
-        sure = replace(found.filtered, tolerances={}, stribeck_velocity=0.0)
+        sure = replace(found.filtered, tolerances={})
         joint = replace(sure, bristle_stiffness=sure.coulomb / bend)
         track = KalmanFilter(joint, found.rate_hz).run(samples, found.noise, first_estimate(joint, samples.angle[0]))
         unlikely[bend] = float(np.sum((np.log(track.variance) + track.nis)[1000:]))

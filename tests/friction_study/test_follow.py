@@ -110,8 +110,8 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
     identified = JointFriction("1", False, levels=PassLevels(levels, shared, 0.0, ()))
     rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
-    known = with_tolerances(rigid, identified, 1.0).tolerances
+    known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
     elastic = replace(FOLLOWED, motor_inertia=0.9, link_inertia=1.2)
-    assert with_tolerances(elastic, identified, 1.0).tolerances["inertia"] == pytest.approx(np.hypot(0.02, 0.05))
+    assert with_tolerances(elastic, identified).tolerances["inertia"] == pytest.approx(np.hypot(0.02, 0.05))

@@ -333,14 +333,7 @@ def _joint(
             elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness,
             damping=elastic.damping, followed=spec.states, **known,
         )  # fmt: skip
-    return with_tolerances(joint, identified, max(_top_speed(record) for record in records))
-
-
-def _top_speed(record: FrictionRecord) -> float:
-    """That of a motion, over tenths of a second."""
-    reach = max(1, round(0.1 * record.rate_hz))
-    travel = np.abs(record.position[reach:] - record.position[:-reach])
-    return float(np.max(travel, initial=0.0)) * record.rate_hz / reach
+    return with_tolerances(joint, identified)
 
 
 def _count(record: FrictionRecord) -> float:
