@@ -51,7 +51,7 @@ class FilterThresholds:
     max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
     max_excess: float = 2.0  # the same over what noise and drift allow
     max_before_stops: float = 2.0  # mean of z over events of a kind; 1 / sqrt(events) by chance
-    max_square_before_stops: float = 6.0  # mean of z^2; 1 by chance
+    max_square_before_stops: float = 9.0  # mean of z^2; 1 by chance
     max_after_stops: float = 4.0  # the same; 3 where stiction is off by as much as the band has
     repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
     least_events: int = 4
