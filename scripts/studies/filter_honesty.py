@@ -14,8 +14,8 @@ NEES; NIS; `is_honest`. The band must hold it 90 % of the time, or `is_honest` m
 joints of 0.3 to 200 Nm, with bristles that a step resolves, and their false alarms by note. The last line is JSON.
 
 One draw of each row: of 24 rows 18 hold the truth 99 to 100 % of the time; F_c by angle and all together hold it 64 to
-80 % and are not honest, nor is cogging under reversals. 17 clean logs (0 to 14, 22, 23): all honest, F_c in its band 98 %
-of the time, in two of them 80 and 90 %.
+80 % and are not honest, nor is cogging under reversals. 17 clean logs (0 to 14, 22, 23): all honest, F_c in its band
+98 % of the time, in two of them 80 and 90 %.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
