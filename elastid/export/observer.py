@@ -52,28 +52,28 @@ def _step(name: str, observer: Observer) -> ca.Function:
 
 def _functions(name: str, observer: Observer, step: ca.Function) -> str:
     start = first_estimate(observer.joint, 0.0)
-    n = len(start.x)
+    n, size = len(start.x), start.P.size
     angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
     spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.is_elastic else ""
     moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
-void {name}_start(double x[{n}], double P[{n * n}], double angle, double load) {{
+void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
   static const double x_start[{n}] = {c_row(start.x)};
-  static const double P_start[{n * n}] = {c_row(start.P.ravel())};
+  static const double P_start[{size}] = {c_row(start.P.ravel(order="F"))};
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
-  for (int i = 0; i < {n * n}; i++) P[i] = P_start[i];
+  for (int i = 0; i < {size}; i++) P[i] = P_start[i];
   (void)load;
 {moved}}}
 
-void {name}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle, double *innovation,
+void {name}_follow(double x[{n}], double P[{size}], double torque, double load, double angle, double *innovation,
                    double *variance) {{
-  double x_next[{n}], P_next[{n * n}], w[{step.sz_w()} + 1];
+  double x_next[{n}], P_next[{size}], w[{step.sz_w()} + 1];
   casadi_int iw[{step.sz_iw()} + 1];
   const double *arg[{step.sz_arg()}] = {{x, P, &torque, &load, &angle}};
   double *res[{step.sz_res()}] = {{x_next, P_next, innovation, variance}};
   {name}_step(arg, res, iw, w, 0);
   for (int i = 0; i < {n}; i++) x[i] = x_next[i];
-  for (int i = 0; i < {n * n}; i++) P[i] = P_next[i];
+  for (int i = 0; i < {size}; i++) P[i] = P_next[i];
 }}
 """
 
@@ -82,17 +82,20 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
-    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]). States of each joint:", ""]
+    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers"]
+    lines += ["that are held: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
     declared = []
     for name, observer in observers.items():
         states, key = observer.joint.states, identifiers[name]
-        n = len(states)
+        n, size = len(states), len(states) * (len(states) + len(observer.joint.held))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
+        held = [f"{name} {observer.joint.tolerances[name]:.2g}" for name in observer.joint.held]
+        lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.joint)}")
-        declared.append(f"void {key}_start(double x[{n}], double P[{n * n}], double angle, double load);")
+        declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
         declared.append(
-            f"void {key}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle,\n"
+            f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"
             f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
         )
     guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]

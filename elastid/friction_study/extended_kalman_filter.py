@@ -14,10 +14,21 @@ One sample of the filter is a CasADi function:
    K = P^- h / S, \quad S = h^T P^- h + R, \quad e = y - h^T x^-, \\
    x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T
 
-with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Q has the
-noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the bristle:
-(slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for certain,
-while one that slides by more than z_s in a sample has it at its end.
+with F the Jacobian of a and h that of the measured angle; the update is Joseph's, which keeps P positive. Numbers c
+that the filter holds (F_s / F_c, Stribeck velocity, inertia, stiffness, gravity) are wrong by some percent, and its
+bands have that: they are consider parameters (Schmidt, Advances in Control Systems 3, 1966), never updated, with cross
+covariance Sigma in units of their standard deviations sigma,
+
+.. math::
+   \Sigma^- = F \Sigma + \frac{\partial a}{\partial c} \mathrm{diag}(\sigma), \qquad
+   P^- = F (P - \Sigma \Sigma^T) F^T + \Sigma^- \Sigma^{-T} + Q, \qquad \Sigma^+ = (I - K h^T) \Sigma^-
+
+F_s / F_c and its velocity have a share in the gain, so that what is learnt near stops weighs less. The others have
+none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
+
+Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
+bristle: (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for
+certain, while one that slides by more than z_s in a sample has it at its end.
 """
 
 from __future__ import annotations
@@ -29,13 +40,21 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
+
+# Relative standard deviations of numbers that a filter holds, where none are known. F_s / F_c falls by a tenth while a
+# gear warms up, however well it was identified cold.
+TOLERANCES: Mapping[str, float] = {
+    "stiction_ratio": 0.08, "stribeck_velocity": 0.3, "inertia": 0.02, "stiffness": 0.05, "gravity": 0.1
+}  # fmt: skip
+# Those that have a share in the gain.
+WEIGHED = ("stiction_ratio", "stribeck_velocity")
 
 
 @dataclass(frozen=True)
@@ -44,7 +63,8 @@ class FollowedJoint:
 
     link_inertia, stiffness, damping: 0 for a joint that is rigid, with all of its inertia in motor_inertia.
     stiction_ratio: F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: what changes.
-    correlation_s: time constant of the torque noise w, 0 for none.
+    correlation_s: time constant of the torque noise w, 0 for none.  tolerances: relative std of numbers that are held,
+    those of TOLERANCES; left out or 0 where exact.
     """
 
     motor_inertia: float
@@ -59,12 +79,17 @@ class FollowedJoint:
     stribeck_velocity: float = 0.0
     bristle_damping: float = 0.0
     correlation_s: float = 0.0
+    tolerances: Mapping[str, float] = field(default_factory=lambda: TOLERANCES)
 
     def __post_init__(self) -> None:
         if (self.stiffness > 0) != (self.link_inertia > 0):
             raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
         if "f" in self.followed and {"f+", "f-"} & set(self.followed):
             raise ValueError("viscous friction is followed as one number (f) or one a direction (f+, f-), not both")
+        if unknown := sorted(set(self.tolerances) - set(TOLERANCES)):
+            raise ValueError(f"tolerances of {', '.join(unknown)}: a filter holds {', '.join(TOLERANCES)}")
+        if not all(0 <= std < 1 for std in self.tolerances.values()):
+            raise ValueError(f"tolerances are relative standard deviations from 0 to 1, not {dict(self.tolerances)}")
         if self.stiction_ratio > 1 and self.stribeck_velocity <= 0:
             raise ValueError("stiction above Coulomb friction needs stribeck_velocity, over which it falls")
 
@@ -79,25 +104,37 @@ class FollowedJoint:
         mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
+    @property
+    def held(self) -> tuple[str, ...]:
+        """The numbers that the filter holds, with a tolerance, in order."""
+        absent = (() if self.is_elastic else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
+        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and name not in absent)
+
     def step(self, rate_hz: float) -> ca.Function:
-        """(x (n,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update; torque held."""
+        """(x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
+
+        u, g: torques, held over the sample.  c: relative errors of the held numbers.
+        """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
+        c = ca.SX.sym("c", len(self.held))
+        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {name: 1 + c[i] for i, name in enumerate(self.held)}
         state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.is_elastic else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
-        inverse = 1 / self.stribeck_velocity if self.stribeck_velocity > 0 else 0.0
-        curve = Curve(coulomb, self.stiction_ratio * coulomb, inverse)
+        inverse = 1 / (self.stribeck_velocity * factor["stribeck_velocity"]) if self.stribeck_velocity > 0 else 0.0
+        curve = Curve(coulomb, self.stiction_ratio * factor["stiction_ratio"] * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
-        noise = state.get("w", 0.0)
+        noise, inertia = state.get("w", 0.0), factor["inertia"]
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
             motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(state, v[0])
-            load = g + state.get("offset", 0.0)
+            load = g * factor["gravity"] + state.get("offset", 0.0)
             if not self.is_elastic:
-                return (motor - load) / self.motor_inertia
-            spring = self.stiffness * (q[0] - q[1]) + self.damping * (v[0] - v[1])
-            return ca.vertcat((motor - spring) / self.motor_inertia, (spring - load) / self.link_inertia)
+                return (motor - load) / (self.motor_inertia * inertia)
+            spring = self.stiffness * factor["stiffness"] * (q[0] - q[1]) + self.damping * (v[0] - v[1])
+            inertias = ca.vertcat(self.motor_inertia, self.link_inertia) * inertia
+            return ca.vertcat(motor - spring, spring - load) / inertias
 
         def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
             return law.advanced(v[0], z, curve, step)
@@ -106,7 +143,7 @@ class FollowedJoint:
         q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u, u, u], 1 / rate_hz)
         faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
         following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
-        return ca.Function("step", [x, u, g], [following], ["x", "u", "g"], ["next"])
+        return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])
 
     def _viscous(self, state: dict[str, ca.SX], v: ca.SX) -> ca.SX:
         """f v, or f+ and f- of the two directions."""
@@ -147,26 +184,33 @@ class FilterNoise:
 
 
 def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
-    """(x (n,), P (n, n), u, g, y, noise (5 + n_followed,)) -> (x, P, innovation e, its variance S).
+    """(x (n,), P (n, n + m), u, g, y, noise (5 + n_followed,)) -> (x, P, innovation e, its variance S).
 
+    P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
     u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
     """
-    names = joint.states
-    n = len(names)
-    x, P = ca.SX.sym("x", n), ca.SX.sym("P", n, n)
+    n, m = len(joint.states), len(joint.held)
+    x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
     u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
     noise = ca.SX.sym("noise", 5 + len(joint.followed))
-    predicted = joint.step(rate_hz)(x, u, g)
+    moved = joint.step(rate_hz)(x, c, u, g)
+    predicted, by_held = ca.substitute([moved, ca.jacobian(moved, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
-    spread = _symmetric(F @ _symmetric(P) @ F.T + _process_noise(joint, rate_hz, predicted, x, u, g, noise))
-    S = spread[0, 0] + noise[0]
-    gain = spread[:, 0] / S
+    std = ca.DM([joint.tolerances[name] for name in joint.held])
+    carried, added = F @ P[:, n:], by_held @ ca.diag(std)
+    cross, mixed = carried + added, carried @ added.T
+    spread = F @ _symmetric(P[:, :n]) @ F.T + mixed + mixed.T + added @ added.T
+    spread = _symmetric(spread + _process_noise(joint, rate_hz, predicted, x, u, g, noise))
+    ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
+    towards = spread[:, 0] - ignored @ ignored[0, :].T
+    S = towards[0] + noise[0]
+    gain = towards / S
     e = y - predicted[0]
     left = ca.SX.eye(n)
     left[:, 0] -= gain
     joseph = _symmetric(left @ spread @ left.T + noise[0] * gain @ gain.T)
     return ca.Function(
-        "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, joseph, e, S],
+        "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
 
@@ -193,6 +237,8 @@ def _symmetric(A: ca.SX) -> ca.SX:
     return ca.tril2symm(ca.tril(A))
 
 
+# A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
+COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
 # Samples that one call of the compiled loop takes.
 PIECE = 1000
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
@@ -216,7 +262,7 @@ class JointSamples:
 
 @frozen_value
 class Estimate:
-    """State of a filter after a sample: states x (n,) and their covariance P (n, n)."""
+    """State of a filter after a sample: states x (n,), and P (n, n + m) as `filter_step` has it."""
 
     x: FloatArray
     P: FloatArray
@@ -224,9 +270,12 @@ class Estimate:
 
 @frozen_value
 class Track:
-    """A filter over n samples: states (n, n_x), their variances (n, n_x), covariance of the followed numbers (n, p, p).
+    """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
-    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected.
+    innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
+    covariance are without the errors of held numbers that have no share in the gain; std has all.
+    drift (p,): of the followed numbers, in a root second.  moves (n,): by MOVING of a count or more, so that rounding
+    is noise.  starts: first samples of the motions.
     """
 
     joint: FollowedJoint
@@ -237,6 +286,9 @@ class Track:
     innovation: FloatArray
     variance: FloatArray
     last: Estimate
+    drift: FloatArray
+    moves: BoolArray
+    starts: tuple[int, ...] = (0,)
 
     @property
     def nis(self) -> FloatArray:
@@ -268,7 +320,7 @@ def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Est
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
-    return Estimate(x, np.diag([std[name] ** 2 for name in names]))
+    return Estimate(x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)])
 
 
 class KalmanFilter:
@@ -283,16 +335,21 @@ class KalmanFilter:
         """The track over samples, from the estimate before them."""
         n, n_x = len(samples.angle), len(self.joint.states)
         given = noise.vector(self.joint, self.rate_hz)
-        x, P = np.empty((n, n_x)), np.empty((n, n_x, n_x))
+        x, P = np.empty((n, n_x)), np.empty((n, *start.P.shape))
         e, S = np.empty(n), np.empty(n)
         estimate = start
         for first in range(0, n, PIECE):
             piece = slice(first, min(first + PIECE, n))
             x[piece], P[piece], e[piece], S[piece] = self._piece(samples, piece, given, estimate)
             estimate = Estimate(x[piece.stop - 1].copy(), P[piece.stop - 1].copy())
-        first = n_x - len(self.joint.followed)
-        variances = np.diagonal(P, axis1=1, axis2=2)
-        return Track(self.joint, self.rate_hz, x, np.sqrt(variances), P[:, first:, first:].copy(), e, S, estimate)
+        followed = slice(n_x - len(self.joint.followed), n_x)
+        ignored = [n_x + i for i, name in enumerate(self.joint.held) if name not in WEIGHED]
+        cross = P[:, followed, ignored] if ignored else np.zeros((n, len(self.joint.followed), 0))
+        covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
+        std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+        drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
+        moves = np.abs(x[:, self.joint.states.index("v_m")]) > MOVING * COUNT_OVER_STD * noise.angle * self.rate_hz
+        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, moves)
 
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
@@ -301,5 +358,5 @@ class KalmanFilter:
         rows = [part[piece][None, :] for part in (samples.torque, samples.load, samples.angle)]
         function = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
         x, P, e, S = function(start.x, start.P, *rows, ca.repmat(ca.DM(noise), 1, count))
-        covariance = P.full().reshape(n_x, count, n_x).transpose(1, 0, 2)
+        covariance = P.full().reshape(n_x, count, -1).transpose(1, 0, 2)
         return x.full().T, covariance, e.full().ravel(), S.full().ravel()

@@ -1,14 +1,8 @@
 r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between. Before a band is believed its innovations are tested,
-
-.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
-          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
-          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
-
-(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) Noise of
-torque and angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+continue, their covariance grown by the drift of the time between; `filter_consistency` judges it. Noise of torque and
+angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
 
 .. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
 
@@ -18,17 +12,18 @@ that is correlated in time (ripple, cogging, cables): taken for white, it makes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.stats import chi2
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_study.extended_kalman_filter import (
+    COUNT_OVER_STD,
+    MOVING,
     Estimate,
     FilterNoise,
     FollowedJoint,
@@ -37,47 +32,8 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-
-
-@dataclass(frozen=True)
-class FilterThresholds:
-    """Thresholds of the judgement of a filter.
-
-    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
-    coloured-innovations 0, inconsistent-filter 0.
-    """
-
-    nis_band: tuple[float, float] = (0.5, 1.1)  # mean NIS of an honest filter; below 1 at rest and without drift
-    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
-    standing_share: float = 0.02  # of the largest velocity: a joint stands below
-    max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
-    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
-    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
-    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
-    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
-
-
-FILTER = FilterThresholds()
-
-
-@frozen_value
-class Consistency:
-    """Of the samples after a filter has settled.
-
-    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
-    autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    """
-
-    nis: float
-    nis_at_stops: float
-    band: tuple[float, float]
-    autocorrelation: FloatArray
-    n_eff: float
-
-    @property
-    def is_white(self) -> bool:
-        """True if innovations are barely correlated from sample to sample."""
-        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
+from elastid.friction_study.filter_consistency import FILTER, Consistency, consistency
+from elastid.friction_study.result import JointFriction
 
 
 @dataclass(frozen=True)
@@ -97,26 +53,6 @@ class Direction:
         return " with ".join(together) + (" against " + " with ".join(against) if against else "")
 
 
-def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
-    """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
-    first = round(settled_s * track.rate_hz)
-    nis = track.nis[first:]
-    if len(nis) <= lags:
-        raise ValueError(f"{len(nis)} samples after {settled_s:g} s are too few to judge a filter; record longer")
-    at_stops = _around_stops(track)[first:]
-    nu = track.innovation[first:] / np.sqrt(track.variance[first:])
-    power = float(nu @ nu)
-    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
-    n_eff = max(1.0, len(nu) * (1 - rho[1]) / (1 + rho[1]))
-    return Consistency(
-        nis=float(nis.mean()),
-        nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
-        band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
-        autocorrelation=rho,
-        n_eff=float(min(n_eff, len(nu))),
-    )
-
-
 def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
     """The combination of followed numbers that the log constrains least; prior_std (p,): of each before the log."""
     names = track.joint.followed
@@ -132,22 +68,13 @@ def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
     return np.asarray(std > FILTER.max_std_ratio * prior_std)
 
 
-def _around_stops(track: Track) -> BoolArray:
-    """Samples within `around_a_stop_s` of one at which the joint stands."""
-    speed = np.abs(track.values("v_m"))
-    stands = speed < FILTER.standing_share * float(np.quantile(speed, 0.99))
-    reach = round(FILTER.around_a_stop_s * track.rate_hz)
-    if not stands.any() or stands.all():
-        return np.zeros(len(stands), bool)
-    return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)
-
-
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
-    """The most likely noise over seconds that move and stop as the log does; of the angle at least as guessed."""
+    """The most likely noise over samples that move (Track.moves); of the angle at least as guessed."""
     names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
-    first = round(settled_s * kalman.rate_hz)
+    judged = _moving(samples, COUNT_OVER_STD * guess.angle)
+    judged[: round(settled_s * kalman.rate_hz)] = False
     limit = np.log(1e3)
 
     def noise_at(x: FloatArray) -> FilterNoise:
@@ -157,7 +84,7 @@ def estimate_noise(
 
     def cost(x: FloatArray) -> float:
         track = kalman.run(samples, noise_at(x), start)
-        S, e = track.variance[first:], track.innovation[first:]
+        S, e = track.variance[judged], track.innovation[judged]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
@@ -166,6 +93,15 @@ def estimate_noise(
     simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
     options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
+
+
+def _moving(samples: JointSamples, count: float) -> BoolArray:
+    """True (n,) where the angle moves by MOVING counts a sample; everywhere if it seldom does."""
+    # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
+    reach = 5
+    span = np.abs(samples.angle[2 * reach :] - samples.angle[: -2 * reach])
+    moves = np.pad(span >= 2 * reach * MOVING * count, reach)
+    return moves if moves.mean() > FILTER.least_moving else np.ones(len(moves), bool)
 
 
 # Lags of the autocorrelation.
@@ -208,6 +144,16 @@ class FollowedFriction:
     rate_hz: float
     notes: tuple[Note, ...] = ()
 
+    @property
+    def is_honest(self) -> bool:
+        """True if no test finds the bands too narrow; `notes` say which does."""
+        return self.consistency.is_honest
+
+    @property
+    def verdict(self) -> str:
+        """If the bands are to be believed."""
+        return "no test doubts the bands" if self.is_honest else "the bands are too narrow, as the warnings say"
+
 
 def follow(
     name: str,
@@ -220,6 +166,12 @@ def follow(
     find_noise: bool,
 ) -> FollowedFriction:
     """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
+    duration_s = sum(len(motion.samples.angle) for motion in motions) / rate_hz
+    if duration_s <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            f"joint {name}: its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
+            "longer, or give filter.settle"
+        )
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
     noise = guess
@@ -231,11 +183,6 @@ def follow(
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)
     track = _joined(tracks)
-    if len(track.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
-        raise DataError(
-            f"joint {name}: its motions last {len(track.innovation) / rate_hz:.3g} s and the filter settles in "
-            f"{settle_s:g} s; record longer, or give filter.settle"
-        )
     judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
     weakest = weakest_direction(track, prior)
     values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
@@ -247,6 +194,35 @@ def follow(
         name, slides, joint.followed, times, values, low, high, unknown(track, prior)[instants], mean_nis, judged,
         weakest, noise, joint, rate_hz, notes,
     )  # fmt: skip
+
+
+def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
+    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    known = dict(joint.tolerances)
+    if identified.static is not None:
+        numbers = identified.static.intervals
+        for name, held in (("stiction", "stiction_ratio"), ("stribeck_velocity", "stribeck_velocity")):
+            if name in numbers:
+                known[held] = float(np.hypot(known[held], numbers[name][1] / numbers[name][0]))
+    shared = _shared(identified)
+    if "inertia" in shared:
+        value, std = shared["inertia"]
+        own = joint.motor_inertia + joint.link_inertia
+        # Inertias and the spring of a robot's file are usual ones; an identified inertia may also contradict them.
+        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.is_elastic else std / value
+    gravity = np.array([shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared])
+    if gravity.size:
+        size, std = np.linalg.norm(gravity, axis=0).tolist()
+        known["gravity"] = std / max(size, 1e-300)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
+
+
+def _shared(identified: JointFriction) -> Mapping[str, tuple[float, float]]:
+    """Value and std of what is no friction, as the study has identified them: inertia, parts of gravity."""
+    if identified.motion is not None:
+        chosen = identified.motion.chosen
+        return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
+    return {} if identified.levels is None else identified.levels.shared
 
 
 def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
@@ -267,12 +243,14 @@ def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise,
 
 def _resumed(joint: FollowedJoint, last: Estimate, motion: Motion, noise: FilterNoise, pause_s: float) -> Estimate:
     """At rest where the motion begins, friction as it was, less certain by the drift of the pause."""
-    p = len(joint.followed)
+    p, n = len(joint.followed), len(joint.states)
     begun = _at_start(joint, motion.samples)
     x, P = begun.x.copy(), begun.P.copy()
     x[-p:] = last.x[-p:]
     drift = [noise.drift.get(name, 0.0) ** 2 * pause_s for name in joint.followed]
-    P[-p:, -p:] = last.P[-p:, -p:] + np.diag(drift)
+    P[-p:] = last.P[-p:]
+    P[-p:, : n - p] = 0.0
+    P[-p:, n - p : n] += np.diag(drift)
     return Estimate(x, P)
 
 
@@ -280,9 +258,10 @@ def _joined(tracks: Sequence[Track]) -> Track:
     last = tracks[-1]
     parts = {
         name: np.concatenate([getattr(track, name) for track in tracks])
-        for name in ("x", "std", "followed_covariance", "innovation", "variance")
+        for name in ("x", "std", "followed_covariance", "innovation", "variance", "moves")
     }
-    return Track(last.joint, last.rate_hz, last=last.last, **parts)
+    starts = np.cumsum([0, *(len(track.innovation) for track in tracks[:-1])]).tolist()
+    return Track(last.joint, last.rate_hz, last=last.last, drift=last.drift, starts=tuple(starts), **parts)
 
 
 def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
@@ -331,7 +310,7 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
 
 
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
-    if not judged.is_white and judged.autocorrelation[1] > 0:  # alternating ones make no band too narrow
+    if judged.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
         text = (
             f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "
             f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "
@@ -347,3 +326,21 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
         )
         yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "information")
+    for moved in judged.restless:
+        change = f"{moved.change:.3g}" if moved.name == "offset" else f"{moved.change:.1%}"
+        text = (
+            f"{moved.name} changes by {change} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} times as "
+            "much as noise and filter.drift allow: friction depends on the angle or the load, gravity is wrong, or "
+            "friction changes faster, and the bands are too narrow; correct gravity and payload, or give a larger "
+            "filter.drift"
+        )
+        yield Note("moves-beyond-band", text, place, severity="warning")
+    if repeated := [pattern for pattern in judged.at_stops if pattern.repeats]:
+        worst = max(repeated, key=lambda pattern: pattern.square)
+        way = "farther" if worst.mean > 0 else "less far"
+        text = (
+            f"{worst.kind}, the joint goes {way} than predicted, by {np.sqrt(worst.square):.2g} std of the noise (rms "
+            f"of {worst.events} times): stiction, inertia or gravity is not that of the joint, and the bands are too "
+            "narrow; correct them, or identify the friction again"
+        )
+        yield Note("repeats-at-stops", text, place, severity="warning")

@@ -140,6 +140,8 @@ TEMPERATURE_STEP_K = 2.0
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
 # Speeds that show a difference between the directions that is no offset.
 MIN_UNEVEN_SPEEDS = 4
+# Difference between the directions, over friction, within which they are called alike: all of its interval.
+MAX_ALIKE = 0.05
 
 
 @dataclass(frozen=True)
@@ -248,9 +250,12 @@ def _directions_refusal(levels: Levels, speeds: int) -> str:
             f"{speeds} speeds; a difference between the directions is one of slopes over speed, which needs "
             f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
         )
+    if levels.max_difference < MAX_ALIKE:
+        return f"{ABSENT}: the directions are alike within {levels.max_difference:.1%}, offset included"
+    bound = f"; both together are within {levels.max_difference:.0%} of friction" if levels.max_difference > 0 else ""
     return (
-        f"{ABSENT}: the difference between the directions does not change with speed beyond chance, and a constant one "
-        "cannot be distinguished from an offset of the torque"
+        "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
+        f"distinguished from an offset of the torque{bound}"
     )
 
 

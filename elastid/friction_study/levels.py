@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.base.statistics import chi_square_tail
+from elastid.base.statistics import QUANTILE_95, chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
@@ -27,7 +27,8 @@ class Levels:
 
     speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
-    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
+    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  max_difference: of the directions,
+    over friction: the farther end of its 95 % interval at any speed, an offset counted as one; NaN where not known.
 
     Raises ValueError where shapes disagree, DataError for a level that cannot be: a speed of zero, no std, friction
     that drives at every condition.
@@ -41,6 +42,7 @@ class Levels:
     load: FloatArray
     temperature: FloatArray
     slides: bool = False
+    max_difference: float = float("nan")
 
     def __post_init__(self) -> None:
         columns = [getattr(self, name) for name in COLUMNS]
@@ -125,6 +127,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
+    max_difference = _max_difference(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed, g)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < LEVELS.max_relative_std * np.abs(g)
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
@@ -144,6 +147,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
+    levels = replace(levels, max_difference=max_difference)
     notes += offset_steps(pairs, o, speed, load, g)
     notes += gravity_note(shared, g, used[0])
     per_row = sum(len(each.torque) for each in used) / len(left)  # samples, whose mean has less noise than one
@@ -206,6 +210,18 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
     return np.zeros_like(v), (float(mean[0]), float(np.sqrt(scale * of_mean[0, 0])))
 
 
+def _max_difference(o: FloatArray, covariance: FloatArray, v: FloatArray, g: FloatArray) -> float:
+    """The farthest end of the 95 % interval of 2 (o_0 + o_1 v) / g, a line through o (n_k,); NaN of few pairs."""
+    if len(o) < 4 or np.ptp(v) <= 0:
+        return float("nan")
+    A = np.stack([np.ones_like(v), v], axis=1)
+    W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
+    x, *_ = np.linalg.lstsq(W @ A, W @ o, rcond=None)
+    scale = max(1.0, float(np.sum((W @ (o - A @ x)) ** 2)) / (len(o) - 2))
+    std = np.sqrt(scale * np.sum(A @ np.linalg.pinv((W @ A).T @ (W @ A)) * A, axis=1))
+    return float(np.max(2 * (np.abs(A @ x) + QUANTILE_95 * std) / np.abs(g)))
+
+
 def _levels(
     passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
 ) -> Levels:
@@ -236,7 +252,9 @@ def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn
         for note in each.notes
     )
     columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    return replace(by_load[0], levels=replace(levels[0], **columns), residual_rms=rms, notes=notes)
+    max_difference = max(each.max_difference for each in levels)
+    whole = replace(levels[0], **columns, max_difference=max_difference)
+    return replace(by_load[0], levels=whole, residual_rms=rms, notes=notes)
 
 
 def _of_both_ways(levels: Levels) -> Levels:

@@ -249,8 +249,8 @@ class FilterSpec:
         "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
         "correlated; 0 would trust such logs too much: intervals come out too narrow.")] = 0.0
     torque_std: Annotated[JointTorque | None, Key("Standard deviation of the torque noise of a sample (default: from "
-        "the innovations of the first minute).", "where the first minute is not typical, as with the robot at rest; "
-        "larger makes the filter slower and its intervals wider.")] = None
+        "the innovations of up to a minute of the longest motion).", "where that minute is not typical, as with the "
+        "robot at rest; larger makes the filter slower and its intervals wider.")] = None
     settle: Annotated[Time, Key("Time that a filter takes before it is judged.", "longer where the start is far from "
         "the truth, so that the swing-in does not count against the filter. 10 s hold several motions with "
         "reversals.")] = 10.0

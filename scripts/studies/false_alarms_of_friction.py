@@ -59,7 +59,7 @@ REST_S, RAMP_S, FREE_S = 0.4, 0.25, 20.0
 PLATEAU_S = (6.0, 6.0, 4.0, 2.5, 1.5)
 CLOCKS = ("exact", "1e-6 s", "1 ms", "unix", "unix, 1 ms", "quartz")
 SINE_S = 2.0
-FOLLOWED = "friction_study.follow.FilterThresholds"
+FOLLOWED = "friction_study.filter_consistency.FilterThresholds"
 # Table: judgement -> the fields on which it depends, all of them where it is "*".
 JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "recorded.friction_logs.JointLimits": {"logs-refused": "held_travel_rad max_turns"},
@@ -90,7 +90,9 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "not-distinguished": "distinct_correlation",
         "diverged": "diverged_stds",
         "coloured-innovations": "max_correlation",
-        "inconsistent-filter": "nis_band around_a_stop_s standing_share",
+        "inconsistent-filter": "nis_band around_a_stop_s standing_share least_moving",
+        "moves-beyond-band": "lags_s max_movement",
+        "repeats-at-stops": "max_before_stops max_square_before_stops max_after_stops repeating_stds least_events",
     },
 }
 

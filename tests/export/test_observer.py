@@ -36,12 +36,12 @@ def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()
     assert "Fc 0.5554 to 1.8, f 0.003003 to 0.02132, offset -0.98 to 0.98" in header.read_text()
     samples = simulate(rich(1.0), seed=2).samples
-    c, n = ctypes.CDLL(str(library)), len(FOLLOWED.states)
-    doubles = ctypes.c_double * n, ctypes.c_double * (n * n)
+    c, n, m = ctypes.CDLL(str(library)), len(FOLLOWED.states), len(FOLLOWED.held)
+    doubles = ctypes.c_double * n, ctypes.c_double * (n * (n + m))
     x, P = doubles[0](), doubles[1]()
     c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))
     for u, g, y in zip(samples.torque, samples.load, samples.angle, strict=True):
         c.joint_2_follow(x, P, *(ctypes.c_double(value) for value in (u, g, y)), None, None)
     track = KalmanFilter(FOLLOWED, RATE_HZ).run(samples, NOISE, first_estimate(FOLLOWED, samples.angle[0]))
     np.testing.assert_allclose(np.array(x), track.last.x, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(np.array(P).reshape(n, n), track.last.P, rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(np.array(P).reshape(n, n + m, order="F"), track.last.P, rtol=1e-6, atol=1e-18)

@@ -63,10 +63,10 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
 
 
 @pytest.mark.slow
-def test_a_bristle_taken_for_certain_is_seen_at_stops(kalman: KalmanFilter) -> None:
-    """Without the slip's noise the filter is many std off, and its innovations at stops say so."""
-    run = simulate(stops_and_moves(20), seed=1)
-    track = followed(kalman, run, FilterNoise(angle=NOISE.angle, torque=NOISE.torque, drift=DRIFT, slip=0.0))
+def test_a_bristle_taken_for_certain_is_seen_at_stops() -> None:
+    """Without the slip's noise a filter that is sure of all else is many std off: its innovations at stops say so."""
+    run, sure = simulate(stops_and_moves(20), seed=1), KalmanFilter(replace(FOLLOWED, tolerances={}), RATE_HZ)
+    track = followed(sure, run, FilterNoise(angle=NOISE.angle, torque=NOISE.torque, drift=DRIFT, slip=0.0))
     judged = consistency(track, SETTLED_S)
     assert nees(track, "Fc", run.coulomb) > 5
     assert judged.nis_at_stops > 1.5
@@ -117,6 +117,16 @@ def test_half_an_elastic_joint_is_refused() -> None:
     """A spring needs both inertias."""
     with pytest.raises(ValueError, match="both"):
         FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)
+
+
+def test_tolerances_of_unknown_numbers_are_refused() -> None:
+    """With the names of those that a filter holds; a rigid joint has no stiffness to hold."""
+    with pytest.raises(ValueError, match="tolerances of mass: a filter holds stiction_ratio"):
+        replace(FOLLOWED, tolerances={"mass": 0.1})
+    with pytest.raises(ValueError, match="from 0 to 1"):
+        replace(FOLLOWED, tolerances={"inertia": 2.0})
+    rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
+    assert rigid.held == ("inertia", "gravity")
 
 
 def test_correlated_torque_noise_keeps_its_variance() -> None:

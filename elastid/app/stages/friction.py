@@ -28,7 +28,7 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, Motion, follow
+from elastid.friction_study.follow import FollowedFriction, Motion, follow, with_tolerances
 from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
@@ -303,7 +303,7 @@ def _words(followed: FollowedFriction) -> str:
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)
     ]
-    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}"
+    return f"at the end {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"
 
 
 def _joint(
@@ -327,11 +327,13 @@ def _joint(
     angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
     elastic = held_joint(robot, identified.joint, angles)
     if elastic is None:
-        return FollowedJoint(_inertia(identified), followed=spec.states, **known)
-    return FollowedJoint(
-        elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness, damping=elastic.damping,
-        followed=spec.states, **known,
-    )  # fmt: skip
+        joint = FollowedJoint(_inertia(identified), followed=spec.states, **known)
+    else:
+        joint = FollowedJoint(
+            elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness,
+            damping=elastic.damping, followed=spec.states, **known,
+        )  # fmt: skip
+    return with_tolerances(joint, identified)
 
 
 def _count(record: FrictionRecord) -> float:

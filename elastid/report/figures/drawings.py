@@ -270,9 +270,13 @@ def _of_joint(joint: JointFriction) -> Iterator[Named]:
 def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
+    joint = followed.filtered
+    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
+    with_errors = f", which have the errors of {', '.join(held)}" if held else ""
     caption = (
-        "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
-        "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
+        f"friction followed by a Kalman filter over the motions, with 95 % bands{with_errors}. "
+        "Below: innovations squared over the variance that the filter expects (NIS), and their autocorrelation. "
+        f"{followed.verdict.capitalize()}. "
         f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
     )
     return "filter", caption, partial(friction_records.friction_filter, followed)

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
-from elastid.friction_study.follow import FILTER, FollowedFriction
+from elastid.friction_study.filter_consistency import FILTER
+from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.levels import PassLevels
@@ -242,7 +243,7 @@ def friction_filter(followed: FollowedFriction) -> Figure:
         style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")
     nis, correlation = panels[-2:]
     nis.plot(time, followed.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
-    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="NIS of an honest filter")
+    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="mean NIS of an honest filter")
     nis.set_yscale("log")
     style.label(nis, f"time in {unit}", "NIS")
     rho = followed.consistency.autocorrelation

@@ -1,0 +1,224 @@
+r"""Judgement of a filter of friction by its own track: its innovations, and how far its numbers move.
+
+Before a band is believed its innovations are tested,
+
+.. math:: \mathrm{NIS} = \overline{e^2 / S}, \qquad
+          \rho = \frac{\sum_k \nu_k \nu_{k+1}}{\sum_k \nu_k^2}, \quad \nu = e / \sqrt S, \qquad
+          n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
+
+(Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
+not see errors of the model that the followed numbers take up. Two tests see these: a number moves, within a lag up to
+the filter's memory, by no more than noise and drift allow, where its band does not hold that; and the innovations
+within 0.2 s of a stop, which the joint reaches or leaves forwards or backwards, have the mean 0 over such events,
+
+.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} , \qquad
+          z = \overline{\frac{\pm 1}{\sqrt n} \sum_{k = 1}^n \nu_k}
+
+so that what repeats at each stop (stiction, inertia, gravity) shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import chi2
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.friction_study.extended_kalman_filter import Track
+
+
+@dataclass(frozen=True)
+class FilterThresholds:
+    """Thresholds of the judgement of a filter.
+
+    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
+    coloured-innovations 0, inconsistent-filter 0.
+    False alarms of 17 clean logs: moves-beyond-band 0, repeats-at-stops 0 (scripts/studies/filter_honesty.py).
+    """
+
+    nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
+    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
+    standing_share: float = 0.02  # of the largest velocity: a joint stands below
+    max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
+    least_moving: float = 0.1  # of the samples: below, innovations at standstill count for correlation too
+    max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
+    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
+    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
+    lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
+    max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
+    max_excess: float = 2.0  # the same over what noise and drift allow
+    max_before_stops: float = 2.0  # mean of z over events of a kind; 1 / sqrt(events) by chance
+    max_square_before_stops: float = 9.0  # mean of z^2; 1 by chance
+    max_after_stops: float = 4.0  # the same; 3 where stiction is off by as much as the band has
+    repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
+    least_events: int = 4
+    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
+
+
+FILTER = FilterThresholds()
+
+
+@dataclass(frozen=True)
+class Movement:
+    """A followed number within lag_s: its change, root mean square.
+
+    ratio: mean square over the variances of its band at both ends.  excess: over those without the errors of held
+    numbers, and the drift of the lag.
+    """
+
+    name: str
+    lag_s: float
+    change: float
+    ratio: float
+    excess: float
+
+    @property
+    def size(self) -> float:
+        """Above 1 where it is beyond what noise and drift allow, and the band cannot hold it."""
+        return min(self.ratio / FILTER.max_movement, self.excess / FILTER.max_excess)
+
+
+@dataclass(frozen=True)
+class StopPattern:
+    """Innovations within 0.2 s of stops of one kind: z, mean over `events` and its std by their scatter; mean z^2."""
+
+    kind: str
+    events: int
+    mean: float
+    std: float
+    square: float
+
+    @property
+    def repeats(self) -> bool:
+        """True if the events have the same sign beyond chance, or are far beyond the noise where stiction is none."""
+        before = self.kind.startswith("before")
+        if before and self.square > FILTER.max_square_before_stops:
+            return True
+        limit = FILTER.max_before_stops if before else FILTER.max_after_stops
+        return abs(self.mean) > max(limit, FILTER.repeating_stds * self.std)
+
+
+@frozen_value
+class Consistency:
+    """Of the samples after a filter has settled at which the joint moves (Track.moves).
+
+    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
+    autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
+    movements: of each followed number the largest; at_stops: of each kind of event that repeats.
+    """
+
+    nis: float
+    nis_at_stops: float
+    band: tuple[float, float]
+    autocorrelation: FloatArray
+    n_eff: float
+    movements: tuple[Movement, ...] = ()
+    at_stops: tuple[StopPattern, ...] = ()
+
+    @property
+    def is_honest(self) -> bool:
+        """True if no test finds a band too narrow: size and correlation of innovations, movements, patterns at stops.
+
+        Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
+        """
+        means = [mean for mean in (self.nis, self.nis_at_stops) if not np.isnan(mean)]
+        tested = max(means) <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
+        return tested and not self.restless and not any(pattern.repeats for pattern in self.at_stops)
+
+    @property
+    def restless(self) -> tuple[Movement, ...]:
+        """Numbers that move by more than their bands hold."""
+        return tuple(movement for movement in self.movements if movement.size > 1)
+
+    @property
+    def is_white(self) -> bool:
+        """True if innovations are barely correlated from sample to sample."""
+        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
+
+
+def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
+    """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
+    first = round(settled_s * track.rate_hz)
+    if len(track.innovation) - first <= lags:
+        left = max(0, len(track.innovation) - first)
+        raise ValueError(f"{left} samples after {settled_s:g} s are too few to judge a filter; record longer")
+    # At standstill the error of a rounded angle is constant, and no noise.
+    moves = (
+        track.moves[first:] if track.moves[first:].mean() > FILTER.least_moving else np.ones_like(track.moves[first:])
+    )
+    nis, at_stops = track.nis[first:], _around_stops(track)[first:] & moves
+    nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
+    power = float(nu @ nu)
+    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
+    n_eff = max(1.0, moves.sum() * (1 - rho[1]) / (1 + rho[1]))
+    return Consistency(
+        nis=float(nis[moves].mean()),
+        nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
+        band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
+        autocorrelation=rho,
+        n_eff=float(min(n_eff, moves.sum())),
+        movements=tuple(_movements(track, first)),
+        at_stops=tuple(_patterns_at_stops(track, first)),
+    )
+
+
+def _movements(track: Track, first: int) -> Iterator[Movement]:
+    """Of each followed number the largest over its lags, within motions."""
+    p = len(track.joint.followed)
+    x, variance = track.x[first:, -p:], track.std[first:, -p:] ** 2
+    bounds = [max(0, start - first) for start in track.starts] + [len(x)]
+    longest_s = max(b - a for a, b in pairwise(bounds)) / track.rate_hz
+    # A number is a mean over its memory: its variance over the rate of its drift.
+    own = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
+    memories_s = (np.mean(own, axis=0) / np.maximum(track.drift, 1e-30) ** 2).tolist()
+    for i, name in enumerate(track.joint.followed):
+        found = []
+        for lag_s in (*FILTER.lags_s, max(memories_s[i], FILTER.lags_s[0])):
+            lag_s = min(lag_s, longest_s / 4)
+            lag = max(1, round(lag_s * track.rate_hz))
+            pairs = np.concatenate([np.arange(a, max(a, b - lag)) for a, b in pairwise(bounds)])
+            square = (x[pairs + lag, i] - x[pairs, i]) ** 2
+            ratio = float(np.mean(square / (variance[pairs, i] + variance[pairs + lag, i])))
+            noise = own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s
+            excess = float(np.mean(square / noise))
+            found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
+        yield max(found, key=lambda movement: movement.size)
+
+
+def _patterns_at_stops(track: Track, first: int) -> Iterator[StopPattern]:
+    """Of stops that are reached and left, forwards and backwards; none of fewer events than `least_events`."""
+    velocity, stands = track.values("v_m"), _standing(track)
+    nu = np.sign(velocity) * track.innovation / np.sqrt(track.variance)
+    reach = round(FILTER.around_a_stop_s * track.rate_hz)
+    sums: dict[str, list[float]] = {}
+    for edge in (np.flatnonzero(np.diff(stands.astype(int))) + 1).tolist():
+        is_left = bool(stands[edge - 1])
+        window = np.arange(edge, min(edge + reach, len(nu))) if is_left else np.arange(max(0, edge - reach), edge)
+        window = window[~stands[window]]
+        if edge < first or len(window) < FILTER.least_events:
+            continue
+        way = "forwards" if velocity[window].sum() > 0 else "backwards"
+        kind = f"after stops, {way}" if is_left else f"before stops, {way}"
+        sums.setdefault(kind, []).append(float(nu[window].sum()) / np.sqrt(len(window)))
+    for kind, values in sorted(sums.items()):
+        if (n := len(values)) >= FILTER.least_events:
+            std = float(np.std(values, ddof=1) / np.sqrt(n))
+            yield StopPattern(kind, n, float(np.mean(values)), std, float(np.mean(np.square(values))))
+
+
+def _standing(track: Track) -> BoolArray:
+    """Samples at which the joint stands."""
+    speed = np.abs(track.values("v_m"))
+    return np.asarray(speed < FILTER.standing_share * float(np.quantile(speed, 0.99)))
+
+
+def _around_stops(track: Track) -> BoolArray:
+    """Samples within `around_a_stop_s` of one at which the joint stands."""
+    stands = _standing(track)
+    reach = round(FILTER.around_a_stop_s * track.rate_hz)
+    if not stands.any() or stands.all():
+        return np.zeros(len(stands), bool)
+    return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)
