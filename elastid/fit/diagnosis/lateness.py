@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
-from elastid.fit.diagnosis.prediction import Prediction, Reading, evaluate, predict, squares, thinned
+from elastid.fit.diagnosis.prediction import AS_READ, Prediction, Reading, evaluate, predict, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
@@ -164,7 +164,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     search = LatenessSearch(evaluate(fit, x), optimum.fit.prior_slopes, ~result.at_bound)
     if not search.evaluated:
         return indices
-    cost = sum(squares(evaluate(fit, optimum.end.x)))
+    cost = predict(AS_READ, evaluate(fit, optimum.end.x), search.prior, search.free).cost
     lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
     noise = scores.noise * lines
     excess = max(cost - noise, 1e-300)

@@ -47,6 +47,7 @@ class MisfitLimits:
     shift: float = 1.5
     drop: float = 30.0
     effect: float = 3.0
+    explained_ratio: float = 0.9  # of the drop of a number, that a likelier cause reaches for the number to say nothing
 
 
 MISFIT = MisfitLimits()
@@ -139,15 +140,27 @@ def _compared_with_noise(result: FitResult) -> str:
 def decisive_index(
     result: FitResult, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
-    """The held number, freed alone, that shows the model to be wrong by more than the intervals, if any does."""
+    """The cause that shows the model to be wrong by more than the intervals, if any does.
+
+    A held number, freed alone, that does so; the likeliest cause in its place, where that does, too, and none where a
+    far likelier cause explains the same and moves nothing.
+    """
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     n = len(result.parameters.asked)
     reach = MISFIT.effect * np.sqrt(np.diag(result.covariance)[:n])
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach))
-    return max(decisive, key=lambda index: index.drop, default=None)
+    decisive = [i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach)]
+    largest = max(decisive, key=lambda index: index.drop, default=None)
+    likeliest = next((index for index in indices if index.place == 1), largest)
+    if largest is None or likeliest is None or largest.name == likeliest.name:
+        return largest
+    if np.any(np.abs(likeliest.effects[:n]) > reach):
+        return likeliest
+    equal = [index for index in decisive if index.name in likeliest.alike]
+    explains_all = likeliest.drop > MISFIT.explained_ratio * largest.drop
+    return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:
