@@ -24,7 +24,7 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
-from elastid.fit.diagnosis.status import decisive_index, estimate_notes, with_status
+from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult
@@ -44,8 +44,9 @@ def judge(
     if evidence.noise_cost > 0 or evidence.is_unexplained:
         scores = score(evidence)
         indices = modification_indices(evidence, scores)
-        # Where V is that of the noise, only a cause counts that shows the model to be wrong.
-        if not evidence.is_unexplained and decisive_index(result, uncertainty, indices) is None:
+        # Where V is that of the noise, only a cause counts that shows the model, or the file, to be wrong.
+        is_decisive = decisive_index(result, uncertainty, indices) is not None
+        if not (evidence.is_unexplained or is_decisive or is_beyond_tolerance(result, indices)):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
     return replace(evidence, result=with_status(evidence))

@@ -1,8 +1,7 @@
 """Other robots than the file's, each fitted with the tolerances about its own numbers.
 
-They are mounted otherwise, do not carry the payload that the file has, have a spring that it lacks, or numbers as one
-step from those of the file, with all others as they stand, suggests.  A fit that moved numbers within their tolerances
-to make up for a cause ends where no step leads to it; these begin at the file.
+They are mounted otherwise, do not carry the payload that the file has, or have a spring that it lacks.  A fit that
+moved numbers within their tolerances to make up for a cause ends where no step leads to it; these begin at the file.
 """
 
 from __future__ import annotations
@@ -19,7 +18,9 @@ from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.ranking import ranked
+from elastid.fit.diagnosis.payload_search import find_load
+from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.score_test import Candidate
 from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -37,8 +38,9 @@ class Limits:
     share: float = 0.3  # of the excess that another robot explains
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
     left: float = 1e-3  # of a payload that is not carried
-    followed: int = 4  # numbers, of those likeliest by a step from the file
     iterations: int = 30  # of each fit
+    rounds: int = 4  # in which a load is found
+    enough: float = 0.5  # of V as read, below which a fit needs no further start
 
 
 LIMITS = Limits()
@@ -49,19 +51,80 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     explained = max((index.share for index in indices), default=0.0)
     if not evidence.is_unexplained or explained > LIMITS.explained_share:
         return indices
-    found = [index for index in _mounted_otherwise(evidence, scores)[:1] if index.share > LIMITS.share]
-    if (there := at_file(evidence)) is not None and max((i.share for i in found), default=0.0) < LIMITS.explained_share:
-        of_file = score(there)
-        changed = (_changed(index, evidence) for index in ranked(of_file.test, of_file))
-        followed = [variant for variant in changed if variant is not None][: LIMITS.followed]
-        found += [_judged(variant, evidence, scores)[0] for variant in followed]
-        for spring in find_missing_springs([], there, of_file):
-            base = min(there.optimum.end.cost, of_file.cost)
-            x = there.result.x + spring.effects
-            found.append(_against(spring, base - spring.drop, x, evidence, scores))
+    found = list[ModificationIndex]()
+    for search in (_with_load, _mounted_otherwise, _with_springs):  # by their time
+        if max((index.share for index in found), default=0.0) < LIMITS.explained_share:
+            found += search(evidence, scores)
     by_name = {index.name: index for index in found if index.share > LIMITS.share}
     better = {name for name, index in by_name.items() if index.share > _share_of(name, indices)}
     return [*(index for index in indices if index.name not in better), *(by_name[name] for name in better)]
+
+
+def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a load on the body where it explains most, found in some steps: resonances move farther than they are wide."""
+    now, scores_now, body = evidence, scores, ""
+    for _ in range(LIMITS.rounds):
+        best: tuple[float, FloatArray, Candidate] | None = None
+        for candidate in scores_now.candidates:
+            if candidate.family == "payload" and candidate.directions.shape[1] > 1 and body in ("", candidate.name):
+                load = find_load(scores_now.test, candidate, scores_now.level, 0.0)
+                if load is not None and load.mass > 0 and (best is None or load.drop > best[0]):
+                    best = load.drop, load.steps, candidate
+        if best is None:
+            return []
+        _, steps, candidate = best
+        numbers = {}
+        for i, step in zip(candidate.places, steps.tolist(), strict=True):
+            number = scores_now.test.numbers[i]
+            numbers[number.name] = number.value * math.exp(step) if number.log else number.value + step
+        further = _refitted(now, numbers, scores_now.test.effects(candidate, steps))
+        if further is None or further.optimum.end.cost > now.optimum.end.cost:
+            break
+        now, body = further, candidate.name
+        scores_now = score(now)
+    if not body:
+        return []
+    candidate = next(c for c in scores.candidates if c.name == body)
+    members = [scores.test.numbers[i] for i in candidate.places]
+    values = {p.name: p.value if p.tie is None else p.tie.factor for p in now.assembly.parameters}
+    steps = np.array([math.log(values[n.name] / n.value) if n.log else values[n.name] - n.value for n in members])
+    index = ModificationIndex(
+        name=body, group="payload", members=tuple(n.name for n in members), values=np.array([n.value for n in members]),
+        units=tuple(n.unit for n in members), log=tuple(n.log for n in members), steps=steps, std=math.nan, drop=0.0,
+        share=0.0, effects=np.zeros(0),
+    )  # fmt: skip
+    return [_against(index, now.optimum.end.cost, now.result.x, evidence, scores)]
+
+
+def _refitted(evidence: Evidence, numbers: Mapping[str, float], effects: FloatArray) -> Evidence | None:
+    """The same with tolerances about other numbers, fitted from where the effects (n_x,) on the parameters lead."""
+    parameters, criterion = _about(evidence.assembly.parameters, numbers), evidence.assembly.spec.criterion
+    asked = np.array([not p.tolerated for p in parameters.free])
+    x = np.where(asked, np.clip(evidence.result.x + effects, *parameters.x_bounds), parameters.x)
+    assembly = replace(evidence.assembly, parameters=parameters)
+    try:
+        for _ in range(2):
+            x = solve(assembly.at(x, criterion).problem, x, ROUGH, LIMITS.iterations).x
+        fit = assembly.at(x, criterion)
+    except ElastidError:
+        return None
+    end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
+    at_bound = np.zeros(len(x), dtype=bool)
+    result = replace(evidence.result, parameters=parameters, x=x, cost=end.cost, at_bound=at_bound)
+    optimum = replace(evidence.optimum, fit=fit, end=end)
+    return replace(evidence, assembly=assembly, optimum=optimum, result=result)
+
+
+def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By springs that the file lacks, with its numbers as they stand."""
+    of_file, found = at_file(evidence), list[ModificationIndex]()
+    if of_file is None:
+        return []
+    scores_there = score(of_file)
+    for spring in find_missing_springs([], of_file, scores_there):
+        cost = min(of_file.optimum.end.cost, scores_there.cost) - spring.drop
+        found.append(_against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
+    return found
 
 
 def _share_of(name: str, indices: list[ModificationIndex]) -> float:
@@ -69,7 +132,7 @@ def _share_of(name: str, indices: list[ModificationIndex]) -> float:
 
 
 def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By other directions of gravity and without the file's payload; the best first, with those that equal it."""
+    """By other directions of gravity and without the file's payload; the best, with those that equal it."""
     robot, parameters = evidence.assembly.linearisation.model.robot, evidence.assembly.parameters
     size = float(np.linalg.norm(robot.gravity)) or 9.81
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
@@ -84,35 +147,16 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
         left = {name: LIMITS.left * value for name, value in numbers.items()}
         name = _named("the payload of the file not carried", "payload of the file")
         variants.append((name, robot.with_parameters(left), _about(parameters, left)))
-    judged = sorted((_judged(variant, evidence, scores) for variant in variants), key=lambda trial: trial[1])
+    judged = sorted((_judged(v, evidence, scores) for v in variants), key=lambda trial: trial[1])
     if not judged:
         return []
     equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * judged[0][1] > V)
-    return [replace(judged[0][0], alike=equal), *(index for index, _ in judged[1:])]
+    return [replace(judged[0][0], alike=equal)]
 
 
 def _named(name: str, family: str) -> ModificationIndex:
     none = np.zeros(0)
     return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
-
-
-def _changed(index: ModificationIndex, evidence: Evidence) -> Variant | None:
-    """The robot with the numbers of an index changed; None where they are no numbers of the robot."""
-    robot, parameters = evidence.assembly.linearisation.model.robot, evidence.assembly.parameters
-    known = {name: value for name, (value, _) in robot.parameters(tuple(robot.geometry)).items()}
-    numbers = dict[str, float]()
-    for name, value in zip(index.members, index.changed, strict=True):
-        if name in known:
-            numbers[name] = value
-        elif any(p.name == name and p.ratio for p in parameters):  # a factor of an inertia
-            own = {p.name for p in parameters if p.tie is not None and p.tie.to == name}
-            numbers |= {n: v * value for n, v in known.items() if n in own}
-        else:
-            return None
-    try:
-        return index, robot.with_parameters(numbers), _about(parameters, numbers)
-    except (ElastidError, ValueError):  # no such robot
-        return None
 
 
 def _about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterSet:
@@ -132,18 +176,21 @@ def _about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterS
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """The index of another robot, and V of its fit, from the optimum's parameters and from those of the study."""
+    """The index of another robot, and V of its fit on thinned lines, from the optimum's parameters and the study's."""
     index, robot, parameters = variant
     own, cost, x = evidence.assembly, math.inf, evidence.optimum.end.x
     asked = np.array([not p.tolerated for p in parameters.free])
-    for start in (np.where(asked, x, parameters.x), parameters.x):
+    for start in (np.where(asked, evidence.optimum.end.x, parameters.x), parameters.x):
         try:
             assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
-            near = solve(assembly.at(start, own.spec.criterion).problem, start, ROUGH, LIMITS.iterations)
-            end = solve(assembly.at(near.x, own.spec.criterion).problem, near.x, ROUGH, LIMITS.iterations)
+            fit = thinned(assembly.at(start, own.spec.criterion))
+            end = solve(fit.problem, start, ROUGH, LIMITS.iterations)
         except ElastidError:
             continue
-        cost, x = min((cost, x), (end.cost, end.x), key=lambda each: each[0])
+        lines = fit.n_residuals / max(evidence.optimum.fit.n_residuals, 1)
+        cost, x = min((cost, x), (end.cost / lines, end.x), key=lambda each: each[0])
+        if cost < LIMITS.enough * scores.cost:
+            break
     return _against(index, cost, x, evidence, scores), cost
 
 

@@ -59,41 +59,28 @@ def score(evidence: Evidence) -> Scores:
 
 
 def at_file(evidence: Evidence) -> Evidence | None:
-    """The same where the parameters that were asked for fit best with the numbers of the file as they stand.
+    """The same where a fit ends that holds the numbers of the file as they stand.
 
     A fit that moves numbers far within their tolerances to make up for a cause ends where no step leads to the cause.
     None where all numbers were held, or no robot stands there.
     """
-    assembly, result = evidence.assembly, evidence.result
+    assembly, result, criterion = evidence.assembly, evidence.result, evidence.assembly.spec.criterion
     if not result.has_tolerances:
         return None
     free = result.parameters.free
-    mean = np.array([p.prior.mean if p.tolerated and p.prior is not None else 0.0 for p in free])
-    log = np.array([p.log for p in free])
-    tolerated = np.array([p.tolerated for p in free])
-    file = np.where(log, np.log(np.where(tolerated & log, mean, 1.0)), mean)
-    exact = tuple(
-        replace(p, prior=replace(p.prior, std=FILE.std_ratio * p.prior.std))
-        if p.tolerated and p.prior is not None
-        else p
-        for p in assembly.parameters
-    )
-    held = replace(assembly, parameters=replace(assembly.parameters, parameters=exact))
-    ends = []
-    for start in (evidence.optimum.end.x, assembly.parameters.x):
-        try:
-            x = np.where(tolerated, file, start)
-            ends.append(solve(held.at(x, assembly.spec.criterion).problem, x, ROUGH, FILE.iterations))
-        except ElastidError:
-            continue
-    if not ends:
+    priors = {p.name: replace(p.prior, std=FILE.std_ratio * p.prior.std) for p in free if p.tolerated and p.prior}
+    changed = tuple(replace(p, prior=priors.get(p.name, p.prior)) for p in assembly.parameters)
+    held = replace(assembly, parameters=replace(assembly.parameters, parameters=changed))
+    asked = np.array([not p.tolerated for p in free])
+    start = np.where(asked, evidence.optimum.end.x, assembly.parameters.x)
+    try:
+        x = solve(held.at(start, criterion).problem, start, ROUGH, FILE.iterations).x
+        fit = assembly.at(x, criterion)
+    except ElastidError:
         return None
-    x = np.where(tolerated, file, min(ends, key=lambda end: end.cost).x)
-    fit = assembly.at(x, assembly.spec.criterion)
     end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
-    none_at_bound = np.zeros(len(x), dtype=bool)
-    result = replace(result, x=x, cost=end.cost, at_bound=none_at_bound)
-    return replace(evidence, optimum=replace(evidence.optimum, fit=fit, end=end), result=result)
+    there = replace(result, x=x, cost=end.cost, at_bound=np.zeros(len(x), dtype=bool))
+    return replace(evidence, optimum=replace(evidence.optimum, fit=fit, end=end), result=there)
 
 
 def _with_priors(

@@ -163,6 +163,12 @@ def decisive_index(
     return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
 
 
+def is_beyond_tolerance(result: FitResult, indices: Sequence[ModificationIndex]) -> bool:
+    """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
+    moved = {p.name for p in result.parameters.free if p.tolerated}
+    return any(i.place == 1 and i.drop > MISFIT.drop and bool(moved & set(i.members)) for i in indices)
+
+
 def _blocks_disagree(evidence: Evidence) -> bool:
     """True if configurations and bands disagree about the parameters by more than noise and model error together."""
     result = evidence.result
