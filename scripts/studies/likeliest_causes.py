@@ -110,7 +110,9 @@ def main() -> None:
     asked = parser.parse_args()
     named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(INJECTIONS)]
     chosen = [n for n, words, is_quick in named if asked.only in words and (is_quick or not asked.quick)]
-    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first named (or)")
+    print(
+        f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first named (or)"
+    )
     rows = []
     for row in ordered(partial(judged, seed=asked.seed), chosen, asked.jobs):
         rows.append(row)

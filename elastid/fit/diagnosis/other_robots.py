@@ -18,14 +18,15 @@ from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.payload_search import find_load
+from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import thinned
-from elastid.fit.diagnosis.score_test import Candidate
 from elastid.fit.diagnosis.scoring import at_file, score
+from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import Parameter, ParameterSet
-from elastid.robot import Robot
+from elastid.robot import Payload, Robot
 
 Variant: TypeAlias = tuple[ModificationIndex, Robot, ParameterSet]
 
@@ -39,7 +40,7 @@ class Limits:
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
-    rounds: int = 4  # in which a load is found
+    rounds: int = 3  # in which a load is found
     enough: float = 0.5  # of V as read, below which a fit needs no further start
 
 
@@ -62,57 +63,73 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """By a load on the body where it explains most, found in some steps: resonances move farther than they are wide."""
-    now, scores_now, body = evidence, scores, ""
-    for _ in range(LIMITS.rounds):
-        best: tuple[float, FloatArray, Candidate] | None = None
-        for candidate in scores_now.candidates:
-            if candidate.family == "payload" and candidate.directions.shape[1] > 1 and body in ("", candidate.name):
-                load = find_load(scores_now.test, candidate, scores_now.level, 0.0)
-                if load is not None and load.mass > 0 and (best is None or load.drop > best[0]):
-                    best = load.drop, load.steps, candidate
-        if best is None:
-            return []
-        _, steps, candidate = best
-        numbers = {}
-        for i, step in zip(candidate.places, steps.tolist(), strict=True):
-            number = scores_now.test.numbers[i]
-            numbers[number.name] = number.value * math.exp(step) if number.log else number.value + step
-        further = _refitted(now, numbers, scores_now.test.effects(candidate, steps))
-        if further is None or further.optimum.end.cost > now.optimum.end.cost:
-            break
-        now, body = further, candidate.name
-        scores_now = score(now)
-    if not body:
+    now, scores_now, body, mass, place = evidence, scores, "", 0.0, np.zeros(3)
+    if evidence.assembly.linearisation.model.robot.payload is not None:
         return []
-    candidate = next(c for c in scores.candidates if c.name == body)
+    lowest = math.inf, mass, place, now
+    for _ in range(LIMITS.rounds):
+        on = {name: load for name, load in _loads(scores_now).items() if body in ("", name)}
+        best = max(on, key=lambda name: on[name].drop, default="")
+        if not best or not mass + on[best].mass > 0:
+            break
+        further, centre = on[best], _centre(scores_now, best)
+        total = mass + further.mass
+        there = (mass * place + further.mass * (centre + further.place)) / total
+        loaded = _carrying(now, evidence, best, total, there)
+        if loaded is None:
+            break
+        now, body, mass, place, scores_now = loaded, best, total, there, score(loaded)
+        lowest = min(lowest, (now.optimum.end.cost, mass, place, now), key=lambda each: each[0])
+    if not lowest[0] < scores.cost:
+        return []
+    _, mass, place, now = lowest
+    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
     members = [scores.test.numbers[i] for i in candidate.places]
-    values = {p.name: p.value if p.tie is None else p.tie.factor for p in now.assembly.parameters}
-    steps = np.array([math.log(values[n.name] / n.value) if n.log else values[n.name] - n.value for n in members])
+    p = np.array([mass, *(place - _centre(scores, body))])
     index = ModificationIndex(
-        name=body, group="payload", members=tuple(n.name for n in members), values=np.array([n.value for n in members]),
-        units=tuple(n.unit for n in members), log=tuple(n.log for n in members), steps=steps, std=math.nan, drop=0.0,
-        share=0.0, effects=np.zeros(0),
+        name=candidate.name, group="payload", members=tuple(n.name for n in members),
+        values=np.array([n.value for n in members]), units=tuple(n.unit for n in members),
+        log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
+        effects=np.zeros(0),
     )  # fmt: skip
-    return [_against(index, now.optimum.end.cost, now.result.x, evidence, scores)]
+    asked = len(evidence.result.parameters.asked)  # first in every x
+    x = np.append(now.result.x[:asked], evidence.result.x[asked:])
+    return [_against(index, now.optimum.end.cost, x, evidence, scores)]
 
 
-def _refitted(evidence: Evidence, numbers: Mapping[str, float], effects: FloatArray) -> Evidence | None:
-    """The same with tolerances about other numbers, fitted from where the effects (n_x,) on the parameters lead."""
-    parameters, criterion = _about(evidence.assembly.parameters, numbers), evidence.assembly.spec.criterion
-    asked = np.array([not p.tolerated for p in parameters.free])
-    x = np.where(asked, np.clip(evidence.result.x + effects, *parameters.x_bounds), parameters.x)
-    assembly = replace(evidence.assembly, parameters=parameters)
+def _loads(scores: Scores) -> dict[str, Load]:
+    """The best load of each body, by its name."""
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    loads = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    return {name: load for name, load in loads.items() if load is not None}
+
+
+def _centre(scores: Scores, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body in the file, in its axes."""
+    value = {number.name: number.value for number in scores.test.numbers}
+    return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _carrying(now: Evidence, file: Evidence, body: str, mass: float, place: FloatArray) -> Evidence | None:
+    """The fit with a point mass (kg) at a place (3,) in the axes of a body, from where it is now."""
+    own, criterion = file.assembly, file.assembly.spec.criterion
+    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), 0.0, body))
+    chosen = choose(own.spec, robot, [G.configuration.name for G in own.responses])
+    parameters = with_tolerances(chosen, robot, own.spec)
+    known = dict(zip(now.result.parameters.free_names, now.result.x.tolist(), strict=True))
+    x = np.array([p.to_x(p.value) if p.tolerated else known[p.name] for p in parameters.free])
     try:
+        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
         for _ in range(2):
             x = solve(assembly.at(x, criterion).problem, x, ROUGH, LIMITS.iterations).x
         fit = assembly.at(x, criterion)
     except ElastidError:
         return None
-    end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
+    end = replace(file.optimum.end, x=x, cost=fit.evaluate(x).cost)
     at_bound = np.zeros(len(x), dtype=bool)
-    result = replace(evidence.result, parameters=parameters, x=x, cost=end.cost, at_bound=at_bound)
-    optimum = replace(evidence.optimum, fit=fit, end=end)
-    return replace(evidence, assembly=assembly, optimum=optimum, result=result)
+    C = np.eye(len(x))
+    result = replace(file.result, parameters=parameters, x=x, covariance=C, cost=end.cost, at_bound=at_bound)
+    return replace(file, assembly=assembly, optimum=replace(file.optimum, fit=fit, end=end), result=result)
 
 
 def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:

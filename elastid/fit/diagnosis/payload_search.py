@@ -63,7 +63,7 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     step = 1e-6 * np.array([MASS_KG, *3 * [DISTANCE_M]])
     J = np.stack([(_changes(numbers, p + h) - change) / h.sum() for h in np.diag(step)], axis=1)
     drop = float(-change @ (2 * g + S @ change))
-    return Load(float(p[0]), p[1:], _steps(numbers, p), max(drop, 0.0), J.T @ S @ J)
+    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ S @ J)
 
 
 def _changes(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
@@ -77,7 +77,7 @@ def _changes(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
     return np.array([v / n.value if n.log else v for v, n in zip(values, numbers, strict=True)])
 
 
-def _steps(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
+def steps_of(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
     """The changes of the numbers themselves, in ln p where log: the centre is that of both masses."""
     mass = numbers[0].value
     changes, both = _changes(numbers, p), mass / (mass + p[0])
