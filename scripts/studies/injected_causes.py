@@ -1,4 +1,4 @@
-"""Causes of wrong fits, injected into exact responses of robots that are known: for `likeliest_causes` beside this file.
+"""Causes of wrong fits, injected into exact responses of robots that are known, for `likeliest_causes`.
 
 An `Injection` makes of a plant the responses of a robot that is not the one in its file, or that were read wrongly.
 """
@@ -389,7 +389,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("one file late by 2 ms", "demo", late_file("folded", 2e-3), ("delay@folded",)),
     Injection("one file with 5 kg", "demo", one_with(loaded(5.0, (0.9, 0.0, 0.1), "fore_arm"), "reach"),
               ("payload_*@reach",)),
-    Injection("exchanged postures", "demo", exchanged("folded", "reach"), ("*configurations folded and reach exchanged",)),
+    Injection("exchanged postures", "demo", exchanged("folded", "reach"), ("*folded and reach exchanged",)),
     Injection("one posture 5 deg off", "demo", at_angles("folded", 0, 0, 5), ("angle_3@folded",)),
     Injection("channels y 1 and 2 exchanged", "two-axis", permuted((1, 0), (0, 1)),
               ("y at motor 1 and at motor 2 exchanged",)),

@@ -2,9 +2,9 @@
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of scripts/studies/injected_causes.py are injected one by one into exact responses of robots of two, three and six
-axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as exact where
-the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain it was
+Causes of scripts/studies/injected_causes.py are injected one by one into exact responses of robots of two, three and
+six axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as exact
+where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain it was
 stated, its share of the excess of V, its drop of V, and the status.
 
 - right: the first cause is the injected one.
@@ -12,8 +12,8 @@ stated, its share of the excess of V, its drop of V, and the status.
 - wrong: neither.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and nothing that
   the data cannot distinguish is named with it.
 
-Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are right
-or apart, and no wrong one certain.  The last line is one JSON object.
+Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are
+right or apart, and no wrong one certain.  The last line is one JSON object.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -34,7 +34,7 @@ import numpy as np
 from data_sheet_robots import PLANTS, Plant
 from injected_causes import INJECTIONS, exact, noisy
 
-from elastid.base.execution import ordered
+from elastid.base.execution import Execution, ordered
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
@@ -110,16 +110,13 @@ def main() -> None:
     asked = parser.parse_args()
     named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(INJECTIONS)]
     chosen = [n for n, words, is_quick in named if asked.only in words and (is_quick or not asked.quick)]
-    print(
-        f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first named (or)"
-    )
+    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first (or)")
     rows = []
-    for row in ordered(partial(judged, seed=asked.seed), chosen, asked.jobs):
+    for _, row in Execution(asked.jobs).unordered(partial(judged, seed=asked.seed), chosen):
         rows.append(row)
-        said = " or ".join((row.first, *row.alike))
         certain = "certain" if row.is_certain else "doubted" if row.first else ""
-        print(f"{row.cause:<40}{row.robot:<10}{row.verdict:<8}{certain:<9}{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}"
-              f"  {row.status:<13}{said}", flush=True)  # fmt: skip
+        judgement = f"{row.verdict:<8}{certain:<9}{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}  {row.status:<13}"
+        print(f"{row.cause:<40}{row.robot:<10}{judgement}{' or '.join((row.first, *row.alike))}", flush=True)
     counts = Counter(row.verdict for row in rows)
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
     clean = 2 if asked.quick else 0 if asked.only else asked.clean
