@@ -4,8 +4,8 @@
 
 Causes of scripts/studies/injected_causes.py are injected one by one into exact responses of robots of two, three and
 six axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as exact
-where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain it was
-stated, its share of the excess of V, its drop of V, and the status.
+where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
+it was stated, its share of the excess of V, its drop of V, and the status.
 
 - right: the first cause is the injected one.
 - apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.

@@ -162,7 +162,10 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known."""
+    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known.
+
+    apart: notes on configurations that differ, where that is the likeliest cause.
+    """
 
     assembly: Assembly
     optimum: RelinearisedOptimum
@@ -171,6 +174,7 @@ class Evidence:
     hypotheses: tuple[Hypothesis, ...]
     execution: Execution
     scores: Scores | None = None
+    apart: tuple[Note, ...] = ()
 
     @property
     def noise_is_measured(self) -> bool:
@@ -238,6 +242,12 @@ def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
     same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f" and change {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
+    if not evidence.is_unexplained:
+        beyond = "is beyond its tolerance" if len(index.members) == 1 else "is beyond the tolerances of the file"
+        return (
+            f"{phrase(index, evidence)}{same} {beyond}, and V would be lower by {index.drop:.0f} with it in the "
+            f"file{effect}: {_advice(index, evidence)}"
+        )
     doubt = "" if index.place > 1 or index.share >= LIMITS.certain_share else (
         "; it is the likeliest of the causes that were tried, but not certain, since "
         f"{_percent(max(1 - index.share, 0.0))} remain"

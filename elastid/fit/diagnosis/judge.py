@@ -14,7 +14,6 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.configurations import LIMITS
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
     Evidence,
@@ -49,6 +48,11 @@ def judge(
         if not (evidence.is_unexplained or is_decisive or is_beyond_tolerance(result, indices)):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
+    disagreement = next((h.notes for h in hypotheses if h.family == "configurations" and h.notes is not None), None)
+    if disagreement is not None and (apart := disagreement(evidence)):
+        # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
+        indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
+        evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
     return replace(evidence, result=with_status(evidence))
 
 
@@ -57,9 +61,9 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
         result = replace(result, rigid_parts=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
-    by_family = {h.family: h.notes(evidence) for h in evidence.hypotheses if h.notes is not None}
-    apart = by_family.pop("configurations", ())
-    causes = explanations(evidence) if evidence.best_share > LIMITS.explained_share or not apart else ()
+    others = (h for h in evidence.hypotheses if h.notes is not None and h.family != "configurations")
+    by_family = {h.family: h.notes(evidence) for h in others if h.notes is not None}
+    apart, causes = evidence.apart, explanations(evidence)
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))

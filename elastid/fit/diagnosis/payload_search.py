@@ -72,6 +72,7 @@ def _changes(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
     mass = numbers[0].value
     inertia = mu * (rho @ rho * np.eye(3) - np.outer(rho, rho))
     own = {"m": mu, **{f"c{axis}": mu / mass * rho[i] for i, axis in enumerate("xyz")}}
+    own["I"] = mu * float(rho @ rho)  # of a single number, as in a plane
     own |= {f"I{a}{b}": inertia[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
     values = [own.get(_key(n.name), 0.0) for n in numbers]
     return np.array([v / n.value if n.log else v for v, n in zip(values, numbers, strict=True)])
@@ -88,6 +89,7 @@ def steps_of(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
 
 
 def _key(name: str) -> str:
-    """m, cx, Ixy of m_fore, c_fore_x@c1, I_fore_xy."""
+    """m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore."""
     parts = name.partition("@")[0].split("_")
-    return parts[0] if parts[0] == "m" else parts[0] + parts[-1]
+    is_entry = len(parts) > 2 and parts[-1] in {"x", "y", "z", *(a + b for a in "xyz" for b in "xyz")}
+    return parts[0] + parts[-1] if is_entry else parts[0]

@@ -26,6 +26,7 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
@@ -86,7 +87,12 @@ def with_status(evidence: Evidence) -> FitResult:
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
-    if misfit := _by_blocks(evidence) or _by_held_number(evidence):
+    if misfit := _by_blocks(evidence):
+        cause = evidence.cause
+        is_said = cause is not None and cause.share >= CAUSES.reason_share
+        likeliest = f"; the likeliest cause is {phrase(cause, evidence)}" if cause is not None and is_said else ""
+        return ended("misfit", f"converged{held}, but {misfit}{likeliest}")
+    if misfit := _by_held_number(evidence):
         return ended("misfit", f"converged{held}, but {misfit}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""

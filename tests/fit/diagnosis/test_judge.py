@@ -71,7 +71,7 @@ def test_readings_bodies_and_springs_that_the_robot_lacks_have_sentences(fault: 
 
 
 def test_what_cannot_be_told_apart_is_said_together() -> None:
-    """A rate 2 % wrong scales all accelerations that positions led to, as torque constants would; a rate is likelier."""
+    """A rate 2 % wrong scales all accelerations that positions led to, as torque constants would."""
     (sentence,) = (word for word in said(fitted("rate 2 % wrong").notes) if "would explain" in word)
     assert sentence.startswith(
         "a sampling rate -2 % (and motions from positions) (or torques of all channels that read -3.9 %"
