@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from plants.faults import FAULTS, SPEC, Case, drawn, true_case
+from plants.faults import FAULTS, SPEC, Case, drawn, exact, true_case
 
 from elastid.fit.diagnosis.ranking import RANKING, single_occam
 from elastid.fit.identify import identify
@@ -16,17 +17,14 @@ from elastid.robot import Tolerances
 
 
 @cache
-def fitted(fault: str, tolerated: bool = False) -> FitResult:
+def fitted(fault: str) -> FitResult:
     case = FAULTS[fault](true_case())
-    robot = replace(case.robot, tolerances=Tolerances()) if tolerated else case.robot
-    return identify(drawn(case, np.random.default_rng(0)), robot, SPEC)
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
 
 
 def rubbing_by_posture(case: Case) -> Case:
     """Motor 2 has three times the viscous friction in the second posture."""
     numbers = case.truth.parameters()
-    from plants.faults import exact
-
     other = exact(case.truth.with_parameters({"fm_2": 3 * numbers["fm_2"][0]}))
     return replace(case, responses=(case.responses[0], other[1], case.responses[2]))
 
@@ -47,7 +45,7 @@ def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     result = fitted("rate 2 % wrong")
     first, *others = [index for index in result.indices if index.place == 0]
     assert first.odds == 0.0
-    assert all(a.odds >= b.odds for a, b in zip(others, others[1:], strict=False))
+    assert all(a.odds >= b.odds for a, b in pairwise(others))
     near = {index.name for index in others if index.odds > -RANKING.equal_odds}
     assert near <= set(result.indices[0].alike)
 
