@@ -325,9 +325,11 @@ def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
 
     delay@c1 of all its channels, s; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
     transmission error changes by its slope at the posture's angle; m_fore@c1 ...: the numbers of the last body, which
-    carries a load.
+    carries a load.  None of a single configuration.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
+    if len(response.loads) < 2:
+        return {}
     columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
     for ratio, column in gear_ratios(response).items():
         columns[f"{ratio.replace('ratio', 'transmission')}@{name}"] = column
