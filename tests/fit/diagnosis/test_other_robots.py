@@ -13,7 +13,7 @@ from elastid.fit.identify import identify
 
 @pytest.mark.slow
 def test_a_robot_on_the_ceiling_is_named() -> None:
-    """Gravity along +z in the truth; the first sentence, the status' sentence and the first cause agree."""
+    """Gravity along +z in the truth; the first cause and the first sentence agree."""
     case = true_case()
     hanging = replace(case.truth, gravity=(0.0, 0.0, 9.81))
     result = identify(drawn(replace(case, responses=exact(hanging)), np.random.default_rng(0)), case.robot, SPEC)
@@ -22,5 +22,3 @@ def test_a_robot_on_the_ceiling_is_named() -> None:
     assert first.share > 0.9
     sentence = next(note.text for note in result.notes if note.code == "modification-index")
     assert sentence.startswith("gravity along +z of the base instead of the file's")
-    assert result.status == "misfit"
-    assert "gravity along +z of the base" in result.message
