@@ -52,7 +52,6 @@ def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | No
 
 
 def noisy(responses: Responses, rng: np.random.Generator) -> list[FrequencyResponse]:
-    """With noise of known variance."""
     data = []
     for G in responses:
         std = NOISE * np.abs(G.G) + 0.1 * NOISE * np.abs(G.G).max(axis=0)
@@ -62,7 +61,6 @@ def noisy(responses: Responses, rng: np.random.Generator) -> list[FrequencyRespo
 
 
 def changed_robot(by: Callable[[Robot], Robot]) -> Callable[[Plant], Responses]:
-    """The robot that was measured is another than that of the file."""
     return lambda plant: exact(plant, by(plant.robot))
 
 
@@ -98,7 +96,6 @@ def payload(mass: float, *at: float) -> Callable[[Plant], Responses]:
 
 
 def read(by: Callable[[FrequencyResponse], FrequencyResponse]) -> Callable[[Plant], Responses]:
-    """The responses of the robot as it is, read otherwise."""
     return lambda plant: [by(G) for G in exact(plant, plant.robot)]
 
 
@@ -108,8 +105,6 @@ def times(factor: Callable[[ComplexArray], ComplexArray]) -> Callable[[Plant], R
 
 
 def of_channel(role: str, place: int, factor: Callable[[ComplexArray], ComplexArray]) -> Callable[[Plant], Responses]:
-    """A factor of one row or column."""
-
     def by(G: FrequencyResponse) -> FrequencyResponse:
         values = G.G.copy()
         part = (slice(None), place, slice(None)) if role == "y" else (slice(None), slice(None), place)
@@ -294,8 +289,6 @@ def loaded(mass: float, at: tuple[float, float, float], body: str) -> Callable[[
 
 
 def with_torsion(body: str, axis: str, k: float) -> Callable[[Robot], Robot]:
-    """A further elastic rotation of a body."""
-
     def of(robot: Robot) -> Robot:
         further = Joint(f"{body}_{axis}", axis, Spring(k, 1e-3 * k))  # type: ignore[arg-type]
         bodies = (replace(b, joints=(*b.joints, further)) if b.name == body else b for b in robot.bodies)

@@ -1,8 +1,8 @@
 """The judge: one score test of everything that a fit held, and the ranking of all causes that hypotheses propose.
 
 Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
-readings of channels and postures, springs that the robot's file lacks.  Causes are ranked by the share of the excess of
-V that each explains, times the prior plausibility of its family; the best is followed by what explains more with it.
+readings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their odds
+(`ranking`); the likeliest is followed by what explains more with it.
 Last come undetectable errors of held numbers: no test of the responses finds them, since free parameters take them up.
 """
 
