@@ -18,6 +18,7 @@ class ModificationIndex:
     drop: of V.  share: of what V has beyond the noise.  effects (n_x,): implied change of each free parameter, in x.
     alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
     sequence in which each is freed after those before it, with the further share that it explains.
+    odds: 2 ln of those against the likeliest cause, of which occam is what its freedom and the prior of its size take.
     """
 
     name: str
@@ -33,6 +34,8 @@ class ModificationIndex:
     effects: FloatArray = labelled("implied change of each free parameter, of x")
     alike: tuple[str, ...] = ()
     place: int = 0
+    odds: float = labelled("2 ln of the odds against the likeliest cause", default=0.0)
+    occam: float = labelled("part of the odds by freedom and size", default=0.0)
 
     @property
     def changed(self) -> tuple[float, ...]:

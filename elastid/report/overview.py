@@ -241,6 +241,8 @@ def _of_residuals(result: FitResult) -> Action | None:
     if first is not None and excess:
         if not first.members:
             return Action(f"Check the reading “{first.name}”.", excess)
+        if not set(first.members) <= set(result.parameters.names):  # nothing that a fit could free
+            return Action(f"Check {first.name}: the first warning says how.", excess)
         text = f"--set 'fit.parameters.{first.members[0]}={{prior: {{std: {ADVICE.prior_std}}}}}'"
         return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:

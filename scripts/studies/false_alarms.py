@@ -135,7 +135,8 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.misreadings.Limits": {"modification-index": "*"},
     "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
     "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
-    "fit.diagnosis.judge.RankingLimits": {"modification-index": "*"},
+    "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
+    "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
     "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
     "fit.diagnosis.status.Limits": {

@@ -59,8 +59,10 @@ _Split: TypeAlias = tuple[list[ElasticFit], list[FloatArray], float]
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """Notes on configurations unlike the others; else on two groups of them; else on foreign ones."""
     result, fit, x = evidence.result, evidence.optimum.fit, evidence.optimum.end.x
+    if evidence.best_share >= LIMITS.explained_share:
+        return ()
     unlike = find_unlike_configurations(fit, x) if result.model_error > 1 else ()
-    if unlike or not evidence.is_unexplained or evidence.best_share >= LIMITS.explained_share:
+    if unlike or not evidence.is_unexplained:
         return unlike
     groups, alone = tuple[Note, ...](), costs_alone(fit, x)
     if result.exceeds_noise and alone is not None:

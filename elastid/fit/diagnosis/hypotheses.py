@@ -10,19 +10,32 @@ To add one, write a function and an entry.  An entry may be put into this list, 
                       advice="check the wiring of the current sensors")
     identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
 
-`hypothesis` describes the fields.  Every plausibility is 1: causes are ranked by their share of the excess of V alone.
+`hypothesis` describes the fields, `ranking` how causes are judged: by the drop of V, the size of the change that it
+takes relative to the usual one, and the plausibility of the family.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 from elastid.fit.diagnosis.configurations import find_disagreement
 from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, SCALE, Hypothesis, Size, relative
 from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wrong_frequency_unit
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.sensitivities import channel_delays, gear_ratios, posture_angles, rate_column
+from elastid.fit.diagnosis.other_robots import find_other_robots
+from elastid.fit.diagnosis.payload_search import MASS_KG
+from elastid.fit.diagnosis.sensitivities import (
+    channel_delays,
+    gear_couplings,
+    gear_ratios,
+    of_one_posture,
+    posture_angles,
+    rate_column,
+    stiffening,
+)
 from elastid.fit.result import FitResult, ModificationIndex
 
 
@@ -115,8 +128,66 @@ def _late_advice(index: ModificationIndex, result: FitResult) -> str:
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
 
 
+def _by_posture(index: ModificationIndex) -> str:
+    """Changes by posture, relative, the largest first."""
+    changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}
+    mean = sum(changes.values()) / len(changes) if len(changes) > 1 else 0.0
+    largest = sorted(changes, key=lambda posture: -abs(changes[posture] - mean))[:POSTURES]
+    return ", ".join(f"{100 * (changes[posture] - mean):+.2g} % in {posture}" for posture in largest)
+
+
+def _axis(index: ModificationIndex) -> str:
+    return index.name.partition("@")[0].partition("_")[2]
+
+
+def _scale(index: ModificationIndex) -> str:
+    factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
+    is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
+    return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
+
+
+def _friction(index: ModificationIndex) -> str:
+    return f"friction of motor {_axis(index)} that depends on the posture ({_by_posture(index)})"
+
+
+def _transmission(index: ModificationIndex) -> str:
+    return f"a transmission error of gear {_axis(index)} (effective ratio {_by_posture(index)})"
+
+
+def _load(index: ModificationIndex) -> str:
+    by = f"{100 * float(index.steps[0]):+.2g} % at the largest torque of these postures"
+    return f"a stiffness of gear {_axis(index)} that rises with the torque it carries ({by})"
+
+
+def _coupling(index: ModificationIndex) -> str:
+    motor, joint = index.name.split("_")[1:3]
+    return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
+
+
+def _reference(index: ModificationIndex) -> str:
+    gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
+    times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
+    return f"the reference of a controller{times} that was logged instead of the torque"
+
+
+def _payload_of_one(index: ModificationIndex) -> str:
+    return f"{_payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {_posture(index)} alone"
+
+
+def _posture(index: ModificationIndex) -> str:
+    return index.name.partition("@")[2]
+
+
+def _late_posture(index: ModificationIndex) -> str:
+    T = float(index.steps[0]) / 1e-3
+    return f"motions of configuration {_posture(index)} alone that are {T:.3g} ms late against its torques"
+
+
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
+
+POSTURES = 3  # that a phrase names
+DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("frequency unit", notes=find_wrong_frequency_unit),
@@ -127,13 +198,21 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(
         "time", ("delay", "low", "hold"), LATE, False, _late, _late_advice, columns=channel_delays, search=find_lateness
     ),
+    Hypothesis(
+        "time of one posture",
+        ("delay@",),
+        Size(1e-3, 0.05, unit="s"),
+        phrase=_late_posture,
+        advice="check time stamps and start of its files",
+        is_stated=False,
+    ),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
         "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot's file", columns=gear_ratios
     ),
     Hypothesis(
         "angle",
-        ("angle",),
+        ("angle", "zero"),
         Size(0.02, 0.6, unit="rad"),
         phrase=_angle,
         advice="check the zero of the axis, and the angles that the configurations have",
@@ -142,7 +221,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # The robot's file.
     Hypothesis("motor inertia", ("Jm",), Size(0.05, math.log(3), True), is_common=True),
     Hypothesis("mass", ("m",), Size(0.05, math.log(3), True)),
-    Hypothesis("centre of mass", ("c",), Size(0.02, 0.3)),
+    Hypothesis("centre of mass", ("c",), Size(0.01, 0.3)),
     Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
     Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
     Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True)),
@@ -150,14 +229,65 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
+        ("m_payload",),
+        Size(MASS_KG, 50.0, unit="kg", grows=True),
         phrase=_payload,
         advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
+        plausibility=20.0,  # what a robot carries changes, its links do not
+        columns=of_one_posture,
+    ),
+    Hypothesis(
+        "payload of one posture",
+        phrase=_payload_of_one,
+        advice="was it measured with another load? leave it out, or say which configurations carry the payload",
+        is_stated=False,
+    ),
+    # What gears and motors do besides.
+    Hypothesis(
+        "load",
+        ("load",),
+        Size(0.1, 1.0, unit="1"),
+        phrase=_load,
+        advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",
+        columns=stiffening,
+        is_stated=False,
+    ),
+    Hypothesis(
+        "friction by posture",
+        ("friction",),
+        Size(0.5, 20.0, unit="1"),
+        phrase=_friction,
+        advice="does dry friction depend on the angle or the load? take it out (estimator.friction: auto)",
+        is_stated=False,
+    ),
+    Hypothesis(
+        "transmission",
+        ("transmission",),
+        Size(0.01, 0.3, unit="1"),
+        phrase=_transmission,
+        advice="measure it against a second encoder behind the gear; more postures average it",
+        is_stated=False,
+    ),
+    Hypothesis(
+        "gear coupling",
+        ("coupling",),
+        Size(0.1, 2.0, unit="1"),
+        phrase=_coupling,
+        advice="give it as gears in the robot's file",
+        columns=gear_couplings,
+        is_stated=False,
     ),
     # How the torque was logged.
     Hypothesis(
+        "reference",
+        phrase=_reference,
+        advice="log the torque or current of the drive",
+        is_stated=False,
+    ),
+    Hypothesis(
         "position loop",
         ("loop",),
-        Size(math.inf, math.inf, unit="1/s^2", grows=True),
+        Size((2 * math.pi * 3) ** 2, math.inf, unit="1/s^2", grows=True),
         is_common=True,
         phrase=_position_loop,
         advice="is the torque that was logged the reference of a controller? log the torque or current of the drive",
@@ -165,7 +295,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     *READINGS,
     Hypothesis(
         SCALE,
-        phrase=lambda index: f"channels in another scale ({index.name})",
+        phrase=_scale,
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
         search=find_misreading,
     ),
@@ -177,6 +307,17 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=_compliance,
         advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
         search=find_missing_springs,
+    ),
+    Hypothesis(
+        "gravity",
+        phrase=lambda index: f"{index.name} instead of the file's",
+        advice="check gravity in the robot's file: how is its base mounted?",
+        search=find_other_robots,
+    ),
+    Hypothesis(
+        "payload of the file",
+        phrase=lambda index: index.name,
+        advice="take payload out of the robot's file, or say which configurations carry it",
     ),
     Hypothesis("configurations", notes=find_disagreement),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),

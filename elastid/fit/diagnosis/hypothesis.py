@@ -23,6 +23,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
@@ -52,7 +53,8 @@ class Limits:
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
     stated_share: float = 0.1  # of the excess, below which a cause has no sentence
     reason_share: float = 0.3  # of the excess, below which even the best is not named as the reason
-    alternatives: int = 3  # causes that a sentence names besides
+    certain_share: float = 0.9  # of the excess, below which a cause is said not to be certain
+    alternatives: int = 4  # causes that a sentence names besides
     effect: float = 0.005  # the least on a stiffness that a sentence names
     prior_std: float = 0.5  # the widest prior that is recommended
 
@@ -66,7 +68,11 @@ CHECK_OR_START = "check it, or free it from another start (fit.parameters: {{{na
 
 @dataclass(frozen=True)
 class Size:
-    """usual, limit: of a change, of ln p where log and the value is positive, else SI.  grows: only upwards, from 0."""
+    """The prior of a change: of ln p where log and the value is positive, else SI.
+
+    usual: within which half of such errors are, as a Cauchy distribution has them, whose tails let no size be
+    impossible.  limit: of a plausible step.  grows: only upwards, from 0.
+    """
 
     usual: float
     limit: float
@@ -81,7 +87,8 @@ class Hypothesis:
 
     size: of a plausible step of its numbers.  is_common: one mistake may scale all of them by one factor.
     phrase, advice: the cause as a clause, and the next action; `{name}`, `{where}` and `{usual}` are filled in.
-    plausibility: prior weight of a cause, by which its share of the excess is multiplied when causes are ranked.
+    plausibility: prior odds of a cause of this family against one of another, all its members together.
+    is_stated: True for numbers that a file or a study states; False for what a model of the robot lacks.
     """
 
     family: str
@@ -90,31 +97,38 @@ class Hypothesis:
     is_common: bool = False
     phrase: Callable[[ModificationIndex], str] | None = None
     advice: str | Callable[[ModificationIndex, FitResult], str] = ""
-    plausibility: Callable[[ModificationIndex], float] = lambda index: 1.0
+    plausibility: float = 1.0
+    is_stated: bool = True
     columns: Columns | None = None
     changes: Changes | None = None
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
     notes: Callable[[Evidence], tuple[Note, ...]] | None = None
 
-    def number(self, name: str, value: float, unit: str = "") -> HeldNumber:
+    def number(self, name: str, value: float, unit: str = "", tolerated: bool = False) -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
         size = self.size or Size(0.1, 1.0, log=True)
         log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
         is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
-        if not log and (size.grows or (size.log and value == 0 and not is_product_of_inertia)):
+        if not log and size.grows:
+            limits = 0.0, math.inf, size.usual
+        elif not log and size.log and value == 0 and not is_product_of_inertia:
             limits = 0.0, math.inf, math.inf
         elif not log and size.log:
             limits = -math.inf, math.inf, math.inf
         elif not log and name == "delay":
             limits = -value, size.limit, size.usual
-        return HeldNumber(name, self.family, value, unit or size.unit, log, *limits)
+        return HeldNumber(
+            name, self.family, value, unit or size.unit, log, *limits, tolerated=tolerated, is_stated=self.is_stated
+        )
 
 
 def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
     """The hypothesis of a number by the beginning of its name; the last one that has numbers where none fits."""
-    first, second = (*name.split("_", 2), "")[:2]
+    stem, at, _ = name.partition("@")
+    first, second = (*stem.split("_", 2), "")[:2]
     by_number = {number: hypothesis for hypothesis in hypotheses for number in hypothesis.numbers}
-    return by_number.get(f"{first}_{second}") or by_number.get(first) or by_number["*"]
+    beginnings = (f"{first}{at}", f"{first}_{second}", first, "*")
+    return next(by_number[beginning] for beginning in beginnings if beginning in by_number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +136,8 @@ class Scores:
     """The score test of all candidates on thinned lines.
 
     excess: of V over the noise.  level: of the residuals' variance by the noise.  lines: share of all residuals.
-    noise: V by the noise alone, of all residuals.  held: the model with what is freed.
+    noise: V by the noise alone, of all residuals.  held: the model with what is freed.  moved (n_x,): step of the free
+    parameters without any candidate, none at an optimum.
     """
 
     held: HeldModel
@@ -132,25 +147,36 @@ class Scores:
     level: float
     lines: float
     noise: float
+    moved: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """V of all residuals after the step of the free parameters."""
+        return self.excess / self.lines + self.noise
 
     @property
     def significant(self) -> dict[int, float]:
         """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
-        counts = {candidate.directions.shape[1] for candidate in self.candidates}
+        counts = {4, *(candidate.directions.shape[1] for candidate in self.candidates)}
         tail = LIMITS.false_alarm_rate / max(len(self.candidates), 1)
         return {n: max(self.level, 1e-300) * chi_square_limit(n, tail) for n in counts}
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known."""
+    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known.
+
+    apart: notes on configurations that differ, where that is the likeliest cause.
+    """
 
     assembly: Assembly
     optimum: RelinearisedOptimum
     uncertainty: Uncertainty
     result: FitResult
     hypotheses: tuple[Hypothesis, ...]
+    execution: Execution
     scores: Scores | None = None
+    apart: tuple[Note, ...] = ()
 
     @property
     def noise_is_measured(self) -> bool:
@@ -187,6 +213,11 @@ class Evidence:
         return self.result.exceeds_noise or self.is_suspect
 
     @property
+    def cause(self) -> ModificationIndex | None:
+        """The likeliest cause, if any is known."""
+        return next((index for index in self.result.indices if index.place == 1), None)
+
+    @property
     def best_share(self) -> float:
         """The share of the excess of V that the first cause explains."""
         return next((index.share for index in self.result.indices), 0.0)
@@ -213,9 +244,20 @@ def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
     same = f" (or {', or '.join(alternatives)}: the data cannot distinguish them)" if alternatives else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f" and change {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
+    if not evidence.is_unexplained:
+        beyond = "is beyond its tolerance" if len(index.members) == 1 else "is beyond the tolerances of the file"
+        return (
+            f"{phrase(index, evidence)}{same} {beyond}, and V would be lower by {index.drop:.0f} with it in the "
+            f"file{effect}: {_advice(index, evidence)}"
+        )
+    doubt = "" if index.place > 1 or index.share >= LIMITS.certain_share else (
+        "; it is the likeliest of the causes that were tried, but not certain, since "
+        f"{_percent(max(1 - index.share, 0.0))} remain"
+    )  # fmt: skip
     return (
         f"{'besides that, ' if index.place > 1 else ''}{phrase(index, evidence)}{same} would explain "
-        f"{_percent(index.share)} of what the residuals have beyond the noise{effect}: {_advice(index, evidence)}"
+        f"{_percent(index.share)} of what the residuals have beyond the noise{effect}: "
+        f"{_advice(index, evidence)}{doubt}"
     )
 
 

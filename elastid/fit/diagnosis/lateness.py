@@ -19,12 +19,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
-from elastid.fit.diagnosis.prediction import Prediction, Reading, evaluate, predict, squares, thinned
+from elastid.fit.diagnosis.prediction import AS_READ, Prediction, Reading, evaluate, predict, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name
 
+OF_POSTURE = "@"  # role of a delay of all channels in one configuration
 Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 
@@ -93,6 +94,8 @@ class Late:
 
 def late_name(form: str, role: str, place: str) -> str:
     """The name of a form of lateness of a channel, of all channels without a role."""
+    if role == OF_POSTURE:
+        return f"{form}@{place}"
     return gain_name(role, place).replace("gain", form, 1) if role else form
 
 
@@ -111,9 +114,10 @@ class LatenessSearch:
     free: BoolArray
 
     def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
-        """The best T of each form of an output (y), an input (u) or of all (""), near a delay of `start`."""
-        forms: list[tuple[str, Factor, float]] = [("delay", delay, start), ("low_pass", low_pass, start)]
-        forms += [("hold", hold, 2.0 * start)] if role != "y" else []
+        """The best T of each form of an output (y), input (u), a posture (@) or all (""), near a delay of `start`."""
+        forms: list[tuple[str, Factor, float]] = [("delay", delay, start)]
+        forms += [("low_pass", low_pass, start)] if role != OF_POSTURE else []
+        forms += [("hold", hold, 2.0 * start)] if role in ("", "u") else []
         for form, factor, T in forms:
             yield self._between(form, factor, role, place, (0.3 * T, 2.0 * T))
 
@@ -145,8 +149,10 @@ class LatenessSearch:
 def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
     model = evaluated.part.kernel.model
     H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
-    if not role:
+    if not role or (role == OF_POSTURE and evaluated.part.configuration == place):
         return np.asarray(H * values)
+    if role == OF_POSTURE:
+        return values
     named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
     return np.asarray(np.where(named[:, None] if role == "y" else named, H, 1.0) * values)
 
@@ -164,7 +170,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     search = LatenessSearch(evaluate(fit, x), optimum.fit.prior_slopes, ~result.at_bound)
     if not search.evaluated:
         return indices
-    cost = sum(squares(evaluate(fit, optimum.end.x)))
+    cost = predict(AS_READ, evaluate(fit, optimum.end.x), search.prior, search.free).cost
     lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
     noise = scores.noise * lines
     excess = max(cost - noise, 1e-300)
@@ -174,7 +180,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         share = (cost - late.cost) / excess
         return ModificationIndex(
             name=late.name,
-            group="time",
+            group="time" if linear is None else linear.group,
             members=(late.name,),
             values=linear.values if linear is not None and late.name == linear.name else np.zeros(1),
             units=("s",),
@@ -207,6 +213,8 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
 
 def _channel(name: str, fit: ElasticFit) -> tuple[str, str]:
     """Role and place of delay_y_motor_2, none of delay."""
+    if "@" in name:
+        return OF_POSTURE, name.partition("@")[2]
     models = [part.kernel.model for part in fit.parts]
     channels = [
         (role, place) for m in models for role, of_role in (("y", m.outputs), ("u", m.inputs)) for place in of_role

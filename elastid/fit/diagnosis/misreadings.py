@@ -68,10 +68,11 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         if reading.name not in followed:
             followed[reading.name] = (*settle(reading, fit, start, every), reading)
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
-    excess = max(float(costs.sum()) - noise, 1e-300)
+    as_read = min(float(costs.sum()), scores.cost * fit.n_residuals / max(optimum.fit.n_residuals, 1))
+    excess = max(as_read - noise, 1e-300)
 
     def explains(cost: float) -> bool:
-        return bool(costs.sum() - cost > LIMITS.share * excess)
+        return as_read - cost > LIMITS.share * excess
 
     if not any(explains(cost) for cost, _, _ in followed.values()):
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
@@ -81,8 +82,8 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         return indices
     cost, x_end, best = good[0]
     equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.cost_ratio * cost > V)
-    share, none = (float(costs.sum()) - cost) / excess, np.zeros(0)
-    drop = share * max(result.cost - scores.noise, 0.0)
+    share, none = (as_read - cost) / excess, np.zeros(0)
+    drop = share * max(scores.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
     return [*indices, index]
 
@@ -255,6 +256,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
     result = evidence.result
+    if evidence.best_share > LIMITS.share:
+        return ()
     known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     if not stiff:

@@ -163,7 +163,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
         end = solve(spring.fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
-    drop = optimum.fit.evaluate(optimum.end.x).cost - end.cost
+    drop = min(optimum.fit.evaluate(optimum.end.x).cost, scores.cost) - end.cost
     if not drop > 0:
         return None
     estimates = dict(zip(spring.fit.parameters.free_names, end.x.tolist(), strict=True))
@@ -181,7 +181,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
         steps=np.array([1 / k]),
         std=math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
         drop=drop,
-        share=drop / max(result.cost - scores.noise, 1e-300),
+        share=drop / max(scores.cost - scores.noise, drop, 1e-300),
         effects=np.array([estimates[name] for name in result.parameters.free_names]) - result.x,
     )
 

@@ -27,6 +27,7 @@ class HeldNumber:
     """A number that the fit held.  value: SI, in unit.  log: steps are of ln p.
 
     lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
+    tolerated: it moves within the tolerance of the robot's file, and is off by more.  is_stated: of `Hypothesis`.
     """
 
     name: str
@@ -37,6 +38,8 @@ class HeldNumber:
     lower: float
     upper: float
     usual: float
+    tolerated: bool = False
+    is_stated: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +91,8 @@ class ScoreTest:
         S, g = self._along(candidate)
         if not self.known[places].any() or (len(g) == 1 and S[0, 0] <= 0):
             return np.zeros(len(D)), 0.0
-        steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else self._bounded(places, S, g)
+        along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
+        steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
         steps = steps * self._plausible(candidate, steps)
         drop = -steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)
         return steps, max(float(drop), 0.0)
@@ -125,10 +129,10 @@ class ScoreTest:
         return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=known)
 
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
-        """The step of several numbers (n_m,) within their limits, which are the widths of priors, too."""
+        """The step along several directions (n_d,) within the limits of the number of each, which are priors, too."""
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
         width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # some, where a number can only grow
-        size = np.sqrt(np.diag(S) + width**-2)
+        size = np.sqrt(np.maximum(np.diag(S), 0.0) + width**-2)
         # Rounding in S can exceed the priors of wide numbers: no Cholesky factor then exists.
         power, directions = np.linalg.eigh((S + np.diag(width**-2)) / np.outer(size, size))
         L = directions * np.sqrt(np.maximum(power, 1e-13 * power[-1]))
@@ -150,3 +154,12 @@ class ScoreTest:
         pairs = [(step, self.numbers[i]) for step, i in zip(steps, candidate.places, strict=True) if step != 0]
         parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
         return float(max(min([1.0, *parts]), 0.0))
+
+
+def free_step(A: FloatArray, b: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
+    """The step (n_x,) of the free parameters with all others held, and the drop of V; both 0 at an optimum."""
+    places, step = np.flatnonzero(free), np.zeros(len(free))
+    size = np.sqrt(np.maximum(np.diag(A)[places], 1e-300))
+    scaled = A[np.ix_(places, places)] / np.outer(size, size)
+    step[places] = -np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) @ (b[places] / size) / size
+    return step, float(-step[places] @ b[places])

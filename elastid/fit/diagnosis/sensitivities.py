@@ -32,6 +32,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import permutations
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import Part, at_measured_places, mixed
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
+from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
@@ -48,6 +50,8 @@ from elastid.record import Configuration
 from elastid.robot import Joint, Payload, Robot, Spring, gain_name
 
 RATE = "rate"
+# Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
+LOAD_RATIO = 0.8
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -56,10 +60,12 @@ class HeldModel:
     """linearisation: of the robot with its geometry, gains, a payload and stiff springs among the parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
+    loads: the torque at rest of each driven joint, N m, by configuration.
     """
 
     linearisation: Linearisation
     rigid: dict[str, str]
+    loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
@@ -83,7 +89,7 @@ class HeldModel:
             except (ElastidError, ValueError) as error:
                 refused = error
             else:
-                return held
+                return replace(held, loads=_loads(assembly))
         raise refused or AssertionError
 
     @property
@@ -127,6 +133,15 @@ class HeldModel:
             slopes |= _position_loop(model, joint.name)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
         return replace(model, parameters=self.parameters, theta_ref=theta_ref, slopes=slopes), theta
+
+
+def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
+    model, loads = assembly.linearisation.model, dict[str, dict[str, float]]()
+    for configuration in (G.configuration for G in assembly.responses):
+        theta = assembly.parameters.theta[: len(model.parameters)]
+        torques = equilibrium(model, theta, configuration).u
+        loads[configuration.name] = {j.name: float(u) for j, u in zip(model.robot.driven, torques, strict=True)}
+    return loads
 
 
 def _with_payload(robot: Robot) -> Robot:
@@ -224,7 +239,7 @@ class Evaluated:
 class HeldResponse:
     """G (F, n_y, n_u) of the model in one configuration, as the `columns` of a hypothesis get it.
 
-    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.
+    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.  loads: of `HeldModel`.
     """
 
     robot: Robot
@@ -233,6 +248,11 @@ class HeldResponse:
     freq_hz: FloatArray
     G: ComplexArray
     slopes: Mapping[str, ComplexArray]
+    loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def value(self, name: str) -> float:
+        """The value of a number of the equations, 0 where it has none."""
+        return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
 
 
 def evaluate_held(
@@ -250,12 +270,15 @@ def evaluate_held(
     by_name = dict(zip(kernel.wanted, dG, strict=True))
     chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
+    # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
+    tied = {p.name for p in fitted if p.tie is not None and fitted[p.tie.to].tolerated}
     for name, row in zip(fitted.names, chain, strict=True):
         if name in by_name and np.any(row):
-            del numbers[name]
+            if name not in tied:
+                del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]
-    response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name)
+    response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, held.loads)
     for further in columns:
         numbers |= further(response)
     return Evaluated(part, part.mixing, G, free, numbers)
@@ -295,6 +318,61 @@ def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to the angle of each axis in this configuration alone, rad."""
     name = response.model.configuration.name
     return {f"angle_{j.name}@{name}": response.slopes[f"angle_{j.name}"] for j in response.robot.driven}
+
+
+def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
+    """Derivatives to what differs in this configuration alone.
+
+    delay@c1 of all its channels, s; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
+    transmission error changes by its slope at the posture's angle; m_fore@c1 ...: the numbers of the last body, which
+    carries a load.  None of a single configuration.
+    """
+    name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
+    if len(response.loads) < 2:
+        return {}
+    columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
+    for ratio, column in gear_ratios(response).items():
+        columns[f"{ratio.replace('ratio', 'transmission')}@{name}"] = column
+    for joint in robot.driven:
+        friction = f"fm_{joint.name}"
+        if friction in response.slopes and response.value(friction) > 0:
+            columns[f"friction_{joint.name}@{name}"] = response.value(friction) * response.slopes[friction]
+    carried = (f"m_{last.name}", *(f"c_{last.name}_{axis}" for axis in "xyz"))
+    for number in (*carried, *(f"I_{last.name}{suffix}" for suffix in last.inertia_entries)):
+        if number in response.slopes:
+            columns[f"{number}@{name}"] = response.slopes[number]
+    return columns
+
+
+def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
+    r"""Derivatives to the rise of each gear's stiffness with the torque it carries: k (1 + e 	au^2 / 	au_max^2)."""
+    columns = {}
+    for joint in (joint.name for joint in response.robot.driven):
+        loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
+        most, spring = max(loads.values(), default=0.0), f"k_{joint}"
+        if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
+            share = (loads[response.model.configuration.name] / most) ** 2
+            columns[f"load_{joint}"] = share * response.value(spring) * response.slopes[spring]
+    return columns
+
+
+def gear_couplings(response: HeldResponse) -> dict[str, ComplexArray]:
+    """Derivatives to the turns of motor i, link side, per turn of joint j, where the file couples them by no gear."""
+    robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
+    driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
+    places = model.outputs
+    if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):
+        return {}
+    rotors = [(response.value(f"Jm_{j.name}"), response.value(f"fm_{j.name}")) for j in driven]
+    squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
+    for i, j in permutations(range(len(driven)), 2):
+        turn = inverse[:, [i]] * np.eye(len(driven))[j]
+        rows, columns_of = (_between(turn, robot, p) for p in (places, places))
+        rotor = squared[i] * (rotors[i][0] + rotors[i][1] / s)
+        pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
+        moved = _between(pair + pair.T, robot, places)
+        columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ moved @ G)
+    return columns
 
 
 def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:

@@ -26,6 +26,7 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
@@ -47,6 +48,7 @@ class MisfitLimits:
     shift: float = 1.5
     drop: float = 30.0
     effect: float = 3.0
+    explained_ratio: float = 0.9  # of the drop of a number, that a likelier cause reaches for the number to say nothing
 
 
 MISFIT = MisfitLimits()
@@ -85,7 +87,12 @@ def with_status(evidence: Evidence) -> FitResult:
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
-    if misfit := _by_blocks(evidence) or _by_held_number(evidence):
+    if misfit := _by_blocks(evidence):
+        cause = evidence.cause
+        is_said = cause is not None and cause.share >= CAUSES.reason_share
+        likeliest = f"; the likeliest cause is {phrase(cause, evidence)}" if cause is not None and is_said else ""
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
+    if misfit := _by_held_number(evidence):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
@@ -139,15 +146,33 @@ def _compared_with_noise(result: FitResult) -> str:
 def decisive_index(
     result: FitResult, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
-    """The held number, freed alone, that shows the model to be wrong by more than the intervals, if any does."""
+    """The cause that shows the model to be wrong by more than the intervals, if any does.
+
+    A held number, freed alone, that does so; the likeliest cause in its place, where that does, too, and none where a
+    far likelier cause explains the same and moves nothing.
+    """
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     n = len(result.parameters.asked)
     reach = MISFIT.effect * np.sqrt(np.diag(result.covariance)[:n])
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = (i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach))
-    return max(decisive, key=lambda index: index.drop, default=None)
+    decisive = [i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach)]
+    largest = max(decisive, key=lambda index: index.drop, default=None)
+    likeliest = next((index for index in indices if index.place == 1), largest)
+    if largest is None or likeliest is None or largest.name == likeliest.name:
+        return largest
+    if np.any(np.abs(likeliest.effects[:n]) > reach):
+        return likeliest
+    equal = [index for index in decisive if index.name in likeliest.alike]
+    explains_all = likeliest.drop > MISFIT.explained_ratio * largest.drop
+    return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
+
+
+def is_beyond_tolerance(result: FitResult, indices: Sequence[ModificationIndex]) -> bool:
+    """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
+    moved = {p.name for p in result.parameters.free if p.tolerated}
+    return any(i.place == 1 and i.drop > MISFIT.drop and bool(moved & set(i.members)) for i in indices)
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:

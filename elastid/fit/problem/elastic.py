@@ -145,7 +145,7 @@ class ElasticFit:
             theta, T = self.theta(group[0], x), self._chain(group[0], x)
             costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
             V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
-        distance, slope = self._priors(x)
+        distance, slope = self.priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V += float(distance @ distance)
         return Evaluation(V + b, 2 * (g + slope * distance) + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
@@ -165,7 +165,7 @@ class ElasticFit:
         for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
             used = np.repeat((part.gain > 0).ravel(), 2)
             rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
-        distance, slope = self._priors(x)
+        distance, slope = self.priors(x)
         rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
         return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
 
@@ -191,7 +191,7 @@ class ElasticFit:
         """1 / s (n_x,) of the priors, zero where nothing is known beforehand."""
         return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
 
-    def _priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
         mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
         slope = self.prior_slopes

@@ -10,7 +10,7 @@ from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.base.note import Note
 from elastid.fit.diagnosis import judge
-from elastid.fit.diagnosis.judge import UndetectableError, undetectable_errors
+from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import WeightSpec

@@ -1,0 +1,220 @@
+"""Other robots than the file's, each fitted with the tolerances about its own numbers.
+
+They are mounted otherwise, do not carry the payload that the file has, or have a spring that it lacks.  A fit that
+moved numbers within their tolerances to make up for a cause ends where no step leads to it; these begin at the file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import ElastidError
+from elastid.fit.assembly import Assembly
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.missing_springs import find_missing_springs
+from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
+from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.scoring import at_file, score
+from elastid.fit.parameter_choice import choose
+from elastid.fit.result import ModificationIndex
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.fit.tolerances import with_tolerances
+from elastid.parameters import Parameter, ParameterSet
+from elastid.robot import Payload, Robot
+
+Variant: TypeAlias = tuple[ModificationIndex, Robot, ParameterSet]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 1."""
+
+    explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
+    share: float = 0.3  # of the excess that another robot explains
+    cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
+    left: float = 1e-3  # of a payload that is not carried
+    iterations: int = 30  # of each fit
+    rounds: int = 3  # in which a load is found
+    enough: float = 0.5  # of V as read, below which a fit needs no further start
+
+
+LIMITS = Limits()
+
+
+def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """The indices with other robots that explain a part, in place of their linear steps, where nothing explains all."""
+    explained = max((index.share for index in indices), default=0.0)
+    if not evidence.is_unexplained or explained > LIMITS.explained_share:
+        return indices
+    found = list[ModificationIndex]()
+    for search in (_with_load, _mounted_otherwise, _with_springs):  # by their time
+        if max((index.share for index in found), default=0.0) < LIMITS.explained_share:
+            found += search(evidence, scores)
+    by_name = {index.name: index for index in found if index.share > LIMITS.share}
+    better = {name for name, index in by_name.items() if index.share > _share_of(name, indices)}
+    return [*(index for index in indices if index.name not in better), *(by_name[name] for name in better)]
+
+
+def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a load on the body where it explains most, found in some steps: resonances move farther than they are wide."""
+    now, scores_now, body, mass, place = evidence, scores, "", 0.0, np.zeros(3)
+    if evidence.assembly.linearisation.model.robot.payload is not None:
+        return []
+    lowest = math.inf, mass, place, now
+    for _ in range(LIMITS.rounds):
+        on = {name: load for name, load in _loads(scores_now).items() if body in ("", name)}
+        best = max(on, key=lambda name: on[name].drop, default="")
+        if not best or not mass + on[best].mass > 0:
+            break
+        further, centre = on[best], _centre(scores_now, best)
+        total = mass + further.mass
+        there = (mass * place + further.mass * (centre + further.place)) / total
+        loaded = _carrying(now, evidence, best, total, there)
+        if loaded is None:
+            break
+        now, body, mass, place, scores_now = loaded, best, total, there, score(loaded)
+        lowest = min(lowest, (now.optimum.end.cost, mass, place, now), key=lambda each: each[0])
+    if not lowest[0] < scores.cost:
+        return []
+    _, mass, place, now = lowest
+    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
+    members = [scores.test.numbers[i] for i in candidate.places]
+    p = np.array([mass, *(place - _centre(scores, body))])
+    index = ModificationIndex(
+        name=candidate.name, group="payload", members=tuple(n.name for n in members),
+        values=np.array([n.value for n in members]), units=tuple(n.unit for n in members),
+        log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
+        effects=np.zeros(0),
+    )  # fmt: skip
+    asked = len(evidence.result.parameters.asked)  # first in every x
+    x = np.append(now.result.x[:asked], evidence.result.x[asked:])
+    return [_against(index, now.optimum.end.cost, x, evidence, scores)]
+
+
+def _loads(scores: Scores) -> dict[str, Load]:
+    """The best load of each body, by its name."""
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    loads = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    return {name: load for name, load in loads.items() if load is not None}
+
+
+def _centre(scores: Scores, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body in the file, in its axes."""
+    value = {number.name: number.value for number in scores.test.numbers}
+    return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _carrying(now: Evidence, file: Evidence, body: str, mass: float, place: FloatArray) -> Evidence | None:
+    """The fit with a point mass (kg) at a place (3,) in the axes of a body, from where it is now."""
+    own, criterion = file.assembly, file.assembly.spec.criterion
+    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), 0.0, body))
+    chosen = choose(own.spec, robot, [G.configuration.name for G in own.responses])
+    parameters = with_tolerances(chosen, robot, own.spec)
+    known = dict(zip(now.result.parameters.free_names, now.result.x.tolist(), strict=True))
+    x = np.array([p.to_x(p.value) if p.tolerated else known[p.name] for p in parameters.free])
+    try:
+        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
+        for _ in range(2):
+            x = solve(assembly.at(x, criterion).problem, x, ROUGH, LIMITS.iterations).x
+        fit = assembly.at(x, criterion)
+    except ElastidError:
+        return None
+    end = replace(file.optimum.end, x=x, cost=fit.evaluate(x).cost)
+    at_bound = np.zeros(len(x), dtype=bool)
+    C = np.eye(len(x))
+    result = replace(file.result, parameters=parameters, x=x, covariance=C, cost=end.cost, at_bound=at_bound)
+    return replace(file, assembly=assembly, optimum=replace(file.optimum, fit=fit, end=end), result=result)
+
+
+def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By springs that the file lacks, with its numbers as they stand."""
+    of_file, found = at_file(evidence), list[ModificationIndex]()
+    if of_file is None:
+        return []
+    scores_there = score(of_file)
+    for spring in find_missing_springs([], of_file, scores_there):
+        cost = min(of_file.optimum.end.cost, scores_there.cost) - spring.drop
+        found.append(_against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
+    return found
+
+
+def _share_of(name: str, indices: list[ModificationIndex]) -> float:
+    return max((index.share for index in indices if index.name == name), default=-math.inf)
+
+
+def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By other directions of gravity and without the file's payload; the best, with those that equal it."""
+    robot, parameters = evidence.assembly.linearisation.model.robot, evidence.assembly.parameters
+    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
+                  for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
+    variants: list[Variant] = [
+        (_named(name, "gravity"), replace(robot, gravity=tuple(gravity.tolist())), parameters)
+        for name, gravity in (directions | {"no gravity": np.zeros(3)}).items()
+        if not np.allclose(gravity, robot.gravity, atol=0.1 * size)
+    ]
+    if robot.payload is not None and robot.payload.mass > 0:
+        numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
+        left = {name: LIMITS.left * value for name, value in numbers.items()}
+        name = _named("the payload of the file not carried", "payload of the file")
+        variants.append((name, robot.with_parameters(left), _about(parameters, left)))
+    judged = sorted((_judged(v, evidence, scores) for v in variants), key=lambda trial: trial[1])
+    if not judged:
+        return []
+    equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * judged[0][1] > V)
+    return [replace(judged[0][0], alike=equal)]
+
+
+def _named(name: str, family: str) -> ModificationIndex:
+    none = np.zeros(0)
+    return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
+
+
+def _about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterSet:
+    """The same with tolerances about other numbers."""
+
+    def moved(p: Parameter) -> Parameter:
+        if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
+            return p
+        value = numbers[p.name]
+        if p.tie is not None:
+            return replace(p, tie=replace(p.tie, factor=value), value=value)
+        by = value / p.value if p.log else 0.0
+        lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
+        return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
+
+    return replace(parameters, parameters=tuple(map(moved, parameters)))
+
+
+def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
+    """The index of another robot, and V of its fit on thinned lines, from the optimum's parameters and the study's."""
+    index, robot, parameters = variant
+    own, cost, x = evidence.assembly, math.inf, evidence.optimum.end.x
+    asked = np.array([not p.tolerated for p in parameters.free])
+    for start in (np.where(asked, evidence.optimum.end.x, parameters.x), parameters.x):
+        try:
+            assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
+            fit = thinned(assembly.at(start, own.spec.criterion))
+            end = solve(fit.problem, start, ROUGH, LIMITS.iterations)
+        except ElastidError:
+            continue
+        lines = fit.n_residuals / max(evidence.optimum.fit.n_residuals, 1)
+        cost, x = min((cost, x), (end.cost / lines, end.x), key=lambda each: each[0])
+        if cost < LIMITS.enough * scores.cost:
+            break
+    return _against(index, cost, x, evidence, scores), cost
+
+
+def _against(
+    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
+) -> ModificationIndex:
+    """The index where V (cost) and x (n_x,) are those of a fit with it."""
+    drop = scores.cost - cost if math.isfinite(cost) else 0.0
+    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
+    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)

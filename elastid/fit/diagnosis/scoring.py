@@ -1,0 +1,154 @@
+"""The score test of everything that a fit held, at its optimum or where the file's numbers stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.candidates import candidates
+from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Scores, hypothesis_of
+from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.score_test import HeldNumber, ScoreTest, free_step
+from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
+from elastid.fit.problem.elastic import Part
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import ParameterSet
+
+RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
+
+
+@dataclass(frozen=True)
+class FileLimits:
+    """Limits of the search for causes at the numbers of the file; no judgement of their own."""
+
+    std_ratio: float = 1e-3  # of tolerances, which holds numbers where the file has them
+    iterations: int = 30
+
+
+FILE = FileLimits()
+
+
+# J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
+_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
+
+
+def score(evidence: Evidence) -> Scores:
+    """The score test at the optimum; parameters at a bound stay there."""
+    assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
+    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RESIDUALS)
+    columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
+    sums = partial(_sums, held, assembly.parameters, x, columns)
+    A, b, V, names = _added(evidence.execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
+    numbers, scale = _held_numbers(names, evidence, held, x)
+    every, lines = np.concatenate([np.ones(len(x)), scale]), thin.n_residuals / max(fit.n_residuals, 1)
+    A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
+    numbers += beyond
+    test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
+    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
+    moved, drop = free_step(A, b, ~evidence.result.at_bound)
+    noise, V = evidence.noise_cost * lines, V + pull - drop
+    level = (noise or V) / max(thin.n_residuals - len(x), 1)
+    return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
+
+
+def at_file(evidence: Evidence) -> Evidence | None:
+    """The same where a fit ends that holds the numbers of the file as they stand.
+
+    A fit that moves numbers far within their tolerances to make up for a cause ends where no step leads to the cause.
+    None where all numbers were held, or no robot stands there.
+    """
+    assembly, result, criterion = evidence.assembly, evidence.result, evidence.assembly.spec.criterion
+    if not result.has_tolerances:
+        return None
+    free = result.parameters.free
+    priors = {p.name: replace(p.prior, std=FILE.std_ratio * p.prior.std) for p in free if p.tolerated and p.prior}
+    changed = tuple(replace(p, prior=priors.get(p.name, p.prior)) for p in assembly.parameters)
+    held = replace(assembly, parameters=replace(assembly.parameters, parameters=changed))
+    asked = np.array([not p.tolerated for p in free])
+    start = np.where(asked, evidence.optimum.end.x, assembly.parameters.x)
+    try:
+        x = solve(held.at(start, criterion).problem, start, ROUGH, FILE.iterations).x
+        fit = assembly.at(x, criterion)
+    except ElastidError:
+        return None
+    end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
+    there = replace(result, x=x, cost=end.cost, at_bound=np.zeros(len(x), dtype=bool))
+    return replace(evidence, optimum=replace(evidence.optimum, fit=fit, end=end), result=there)
+
+
+def _with_priors(
+    A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
+) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
+    """A and b with the priors, and with numbers that are off by more than their tolerance; those, and V of the priors.
+
+    Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
+    """
+    distance, slope = evidence.optimum.fit.priors(evidence.optimum.end.x)
+    weight, pull, free = lines * slope**2, lines * slope * distance, evidence.result.parameters.free
+    n_x = len(free)
+    A[range(n_x), range(n_x)] += weight
+    b[:n_x] += pull
+    shifted = [i for i, p in enumerate(free) if p.tolerated and slope[i] > 0]
+    A, b = np.pad(A, (0, len(shifted))), np.append(b, -pull[shifted])
+    numbers = []
+    for place, i in zip(range(len(b) - len(shifted), len(b)), shifted, strict=True):
+        A[place, place], A[i, place], A[place, i] = weight[i], -weight[i], -weight[i]
+        parameter, prior = free[i], free[i].prior
+        hypothesis = hypothesis_of(parameter.name, evidence.hypotheses)
+        number = hypothesis.number(parameter.name, prior.mean if prior is not None else 0.0, parameter.unit, True)
+        numbers.append(replace(number, log=parameter.log))
+    return A, b, numbers, float(lines * distance @ distance)
+
+
+def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
+    evaluated = evaluate_held(held, fitted, x, columns, part)
+    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
+    r = evaluated.residual
+    return J @ J.T, J @ r, float(r @ r), tuple(evaluated.held)
+
+
+def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
+    names: dict[str, int] = {}
+    A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
+    for own_A, own_b, own_V, held in every:
+        for name in held:
+            names.setdefault(name, len(names))
+        more = n_x + len(names) - len(b)
+        A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
+        A[np.ix_(places, places)] += own_A
+        b[places] += own_b
+        V += own_V
+    return A, b, V, tuple(names)
+
+
+def _held_numbers(
+    names: Sequence[str], evidence: Evidence, held: HeldModel, x: FloatArray
+) -> tuple[list[HeldNumber], FloatArray]:
+    """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
+    assembly, robot = evidence.assembly, held.linearisation.model.robot
+    theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
+    values = dict(zip(held.parameters, theta.tolist(), strict=True))
+    units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
+    numbers, scale = [], []
+    springs = [j.spring.stiffness for j in robot.joints if j.spring is not None and f"k_{j.name}" not in held.rigid]
+    for name in names:
+        stem, is_ratio = name.partition("@")[0], name.startswith("ratio_")
+        value, unit = values.get(stem, 0.0), units.get(stem, "")
+        if name in held.rigid:
+            name, value, unit = held.rigid[name], 0.0, ""
+        elif is_ratio:
+            value = abs(robot.ratio(name.removeprefix("ratio_")))
+        number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
+        if math.isinf(number.usual) and name in held.rigid.values() and springs:
+            number = replace(number, usual=1 / float(np.median(springs)))  # rad/(N*m), as of the robot's own springs
+        numbers.append(number)
+        scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
+    return numbers, np.array(scale)

@@ -1,0 +1,139 @@
+"""Is the true cause of a wrong fit named first, and never a wrong one as if it were certain?
+
+    python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
+
+Causes of scripts/studies/injected_causes.py are injected one by one into exact responses of robots of two, three and
+six axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as exact
+where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
+it was stated, its share of the excess of V, its drop of V, and the status.
+
+- right: the first cause is the injected one.
+- apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.
+- wrong: neither.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and nothing that
+  the data cannot distinguish is named with it.
+
+Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are
+right or apart, and no wrong one certain.  The last line is one JSON object.
+
+Not named first: a soft base, backlash, exchanged postures and a mirrored motor of the demo, and a delay of all channels
+of the linkage, each with a wrong cause stated as doubtful (36, 87, 36, 3 and 56 % of the excess).  What tolerances
+take up whole is not among the causes, as a payload of 3 kg on two axes, whose file is not exact.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatch
+from functools import cache, partial
+
+import numpy as np
+from data_sheet_robots import PLANTS, Plant
+from injected_causes import INJECTIONS, exact, noisy
+
+from elastid.base.execution import Execution, ordered
+from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+from elastid.response import FrequencyResponse
+from elastid.robot import Tolerances
+
+CERTAIN = LIMITS.certain_share
+MIN_NAMED, STARTS = 0.9, 2
+QUICK = ("torque constant 2 20 % off", "gear 1 hardens by 10 %", "friction behind gear 2", "drive 2 late by 1 ms")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a fit said of an injected cause."""
+
+    cause: str
+    robot: str
+    first: str
+    verdict: str
+    is_certain: bool
+    share: float
+    drop: float
+    status: str
+    alike: tuple[str, ...]
+
+
+@cache
+def plant(name: str) -> Plant:
+    """A robot, built once in a process."""
+    return PLANTS[name]()
+
+
+def fitted(of: Plant, data: list[FrequencyResponse], is_exact: bool = False) -> FitResult:
+    """The fit of a study with the file of the plant."""
+    robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
+    return identify(data, robot, replace(of.spec, seed=1, starts=STARTS), model=of.model)
+
+
+def judged(number: int, seed: int) -> Row:
+    """An injected cause by its number, fitted."""
+    injection = INJECTIONS[number]
+    of = plant(injection.plant)
+    result = fitted(of, noisy(injection.measured(of), np.random.default_rng(seed)), injection.exact)
+    first = next((index for index in result.indices if index.place == 1), None)
+    if first is None or not any(note.code == "modification-index" for note in result.notes):
+        return Row(injection.name, injection.plant, "", "none", False, 0.0, 0.0, result.status, ())
+
+    def is_right(name: str) -> bool:
+        return any(fnmatch(name, pattern) for pattern in injection.right)
+
+    named = first.alike[: LIMITS.alternatives]
+    verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else "wrong"
+    is_certain = first.share >= CERTAIN and not first.alike
+    about = injection.name, injection.plant, first.name, verdict, is_certain
+    return Row(*about, float(first.share), float(first.drop), result.status, named)
+
+
+def names_a_cause(number: int, seed: int) -> bool:
+    """Whether a clean data set, of one robot after the other, has any cause."""
+    of = plant(("two-axis", "demo")[number % 2])
+    data = noisy(exact(of, of.robot), np.random.default_rng([seed, 1, number]))
+    return any(note.code == "modification-index" for note in fitted(of, data).notes)
+
+
+def main() -> None:
+    """A row for each cause, then one JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="four causes, and two clean data sets")
+    parser.add_argument("--only", default="", help="causes whose name or robot contains this")
+    parser.add_argument("--clean", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    asked = parser.parse_args()
+    named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(INJECTIONS)]
+    chosen = [n for n, words, is_quick in named if asked.only in words and (is_quick or not asked.quick)]
+    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first (or)")
+    rows = []
+    for _, row in Execution(asked.jobs).unordered(partial(judged, seed=asked.seed), chosen):
+        rows.append(row)
+        certain = "certain" if row.is_certain else "doubted" if row.first else ""
+        judgement = f"{row.verdict:<8}{certain:<9}{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}  {row.status:<13}"
+        print(f"{row.cause:<40}{row.robot:<10}{judgement}{' or '.join((row.first, *row.alike))}", flush=True)
+    counts = Counter(row.verdict for row in rows)
+    wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
+    clean = 2 if asked.quick else 0 if asked.only else asked.clean
+    alarms = sum(ordered(partial(names_a_cause, seed=asked.seed), range(clean), asked.jobs))
+    total = counts["right"] + counts["apart"]
+    print(f"\n{total} of {len(rows)} named ({counts['right']} first, {counts['apart']} not to be told apart); "
+          f"{len(wrong)} wrong and certain; {alarms} of {clean} clean data sets with a cause")  # fmt: skip
+    assert asked.only or total >= MIN_NAMED * len(rows), counts
+    assert not wrong, wrong
+    assert alarms <= 0.01 * clean, alarms
+    print(json.dumps({"causes": len(rows), "verdicts": counts, "wrong and certain": wrong, "clean": clean,
+                      "false alarms": alarms, "rows": [asdict(row) for row in rows]}))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
