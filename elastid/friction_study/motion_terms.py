@@ -1,18 +1,22 @@
-"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, delay; and its columns."""
+"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, heat, delay; its columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
+from elastid.friction_study.laws import TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
+from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
+# Numbers by which friction changes with temperature.
+HEAT = ("temperature.coulomb", "temperature.viscous")
 # Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
 _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 
@@ -21,7 +25,8 @@ _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  spring: of a gear, for a test.
+    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  heat: of HEAT, about `reference`
+    in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  spring: of a gear, for a test.
     """
 
     apart: bool = True
@@ -29,17 +34,28 @@ class MotionTerms:
     stribeck_velocity: float = 0.0
     harmonics: tuple[int, ...] = ()
     load: bool = False
+    heat: tuple[str, ...] = ()
+    reference: float = 0.0
+    measured: tuple[float, float] | None = None
+    decay: float = START_DECAY_K
+    is_decay_free: bool = False
     spring: bool = False
 
-    @classmethod
-    def of(cls, numbers: Regression) -> MotionTerms:
-        """Those of a regression."""
-        names = numbers.names
-        return cls(
-            "directions.viscous" in names, "delay" in names,
-            numbers["stribeck_velocity"] if "stribeck_velocity" in names else 0.0,
-            tuple(h for h in range(1, MAX_HARMONIC + 1) if ripple_names(h)[0] in names), "load.coulomb" in names,
-        )  # fmt: skip
+    def at(self, numbers: Regression) -> MotionTerms:
+        """Those of a regression with these parts, which has found its own nonlinear numbers."""
+        ends = {name: numbers[name] for name in self.searched if name in numbers.names}
+        return replace(self.moved(ends), apart="directions.viscous" in numbers.names)
+
+    @property
+    def searched(self) -> dict[str, float]:
+        """Nonlinear numbers by name, which are searched for."""
+        stribeck = {"stribeck_velocity": self.stribeck_velocity} if self.stribeck_velocity else {}
+        return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
+
+    def moved(self, ends: Mapping[str, float]) -> MotionTerms:
+        """With other nonlinear numbers."""
+        velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
+        return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
 
 
 def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionTerms:
@@ -52,7 +68,37 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
     delayed = replace(terms, delay=True)
     if regressed(motions, signals, delayed).chance("delay", 0) < FALSE_ALARM:
         terms = delayed
+    terms = _heat(motions, signals, terms)
     return replace(terms, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+
+
+def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With the numbers of heat that show, the likelier one first."""
+    degc = [motion.temperature for motion in motions if motion.temperature is not None]
+    if len(degc) < len(motions):
+        return terms
+    every = np.concatenate(degc)
+    terms = replace(terms, reference=float(every.mean()), measured=(float(every.min()), float(every.max())))
+    if np.ptp(every) < TEMPERATURE_STEP_K:
+        return terms
+    waiting = list(HEAT)
+    while waiting:
+        wider = {name: replace(terms, heat=(*terms.heat, name)) for name in waiting}
+        chances = {name: regressed(motions, signals, each).chance(name, 0) for name, each in wider.items()}
+        best = min(waiting, key=chances.__getitem__)
+        if chances[best] * len(HEAT) > FALSE_ALARM:
+            break
+        terms = wider[best]
+        waiting.remove(best)
+    both = regressed(motions, signals, terms)
+    terms = replace(terms, heat=tuple(name for name in terms.heat if both.chance(name, 0) < FALSE_ALARM))
+    if "temperature.viscous" not in terms.heat:
+        return terms
+    # Where temperatures show that T_V is another, it is free, for the intervals of the others.
+    free = replace(terms, is_decay_free=True)
+    if _solved(motions, signals, free, both).chance("temperature.decay", 0) > FALSE_ALARM:
+        return terms
+    return free.at(regressed(motions, signals, free))
 
 
 def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
@@ -107,31 +153,32 @@ def regressed(
 ) -> Regression:
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
     fit = _solved(motions, signals, terms)
-    velocity = terms.stribeck_velocity
-    for _ in range(steps if velocity else 0):
-        fit = _solved(motions, signals, terms, fit["stiction"] - fit["coulomb"])
-        step = fit["stribeck_velocity"]
-        velocity = float(np.clip(velocity + step, velocity / 2, 2 * velocity))
-        values = np.where(np.array(fit.names) == "stribeck_velocity", velocity, fit.values)
-        fit, terms = replace(fit, values=values), replace(terms, stribeck_velocity=velocity)
-        if abs(step) < 1e-3 * velocity:
+    for _ in range(steps if terms.searched else 0):
+        fit = _solved(motions, signals, terms, fit)
+        start = terms.searched
+        ends = {name: float(np.clip(x + fit[name], x / 2, 2 * x)) for name, x in start.items()}
+        if "temperature.decay" in ends:
+            ends["temperature.decay"] = float(np.clip(ends["temperature.decay"], *DECAY_RANGE_K))
+        values = np.array([ends.get(name, fit[name]) for name in fit.names])
+        fit, terms = replace(fit, values=values), terms.moved(ends)
+        if all(abs(ends[name] - x) < 1e-3 * x for name, x in start.items()):
             break
     return fit
 
 
 def _solved(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
 ) -> Regression:
-    """excess: of stiction over Coulomb friction, where the Stribeck velocity is searched for."""
-    names, logs = equations_of(motions, signals, terms, excess)
+    """about: the last numbers, where nonlinear ones are searched for, whose steps are then among the numbers."""
+    names, logs = equations_of(motions, signals, terms, about)
     return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
 
 
 def equations_of(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
 ) -> tuple[tuple[str, ...], list[Equations]]:
     """The names of the numbers, and the equations of each log."""
-    columns = [columns_of(motion, each, terms, excess) for motion, each in zip(motions, signals, strict=True)]
+    columns = [columns_of(motion, each, terms, about) for motion, each in zip(motions, signals, strict=True)]
     logs = []
     for own, each in zip(columns, signals, strict=True):
         used = each.used[:, None]
@@ -142,11 +189,11 @@ def equations_of(
 
 
 def columns_of(
-    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
     velocity, acceleration, fourth = signals.derivatives
-    raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
+    raw = full_rate_columns(motion, signals, terms, about) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
     if terms.spring:
@@ -155,18 +202,19 @@ def columns_of(
 
 
 def full_rate_columns(
-    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
-    """The columns (n,) by the names of their numbers; excess: of stiction over Coulomb friction, for its velocity's."""
+    """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q = signals.velocity, signals.direction, signals.position
     columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
     if nu := terms.stribeck_velocity:
         fall = np.exp(-((v / nu) ** 2))
         columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
-        if excess:
-            columns["stribeck_velocity"] = excess * s * fall * 2 * v**2 / nu**3
+        if about is not None:
+            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * 2 * v**2 / nu**3
     if terms.load:
         columns["load.coulomb"] = motion.load * s
+    columns |= _columns_of_heat(motion, signals, terms, about)
     ones = np.ones_like(v)
     columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
     if motion.turns_against_gravity:
@@ -176,4 +224,20 @@ def full_rate_columns(
         columns |= dict(zip(ripple_names(h), (np.cos(angle), np.sin(angle)), strict=True))
     if terms.delay:
         columns["delay"] = np.gradient(motion.torque) * signals.rate_hz
+    return columns
+
+
+def _columns_of_heat(
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None
+) -> dict[str, FloatArray]:
+    """Of a log without temperature at T_0."""
+    v, T_V, columns = signals.velocity, terms.decay, dict[str, FloatArray]()
+    theta = np.zeros_like(v) if motion.temperature is None else motion.temperature - terms.reference
+    if "temperature.coulomb" in terms.heat:
+        columns["temperature.coulomb"] = theta * signals.direction
+    if "temperature.viscous" in terms.heat:
+        columns["temperature.viscous"] = v * np.expm1(-theta / T_V)
+        if terms.is_decay_free and about is not None:
+            of_decay = v * np.exp(-theta / T_V) * theta / T_V**2
+            columns["temperature.decay"] = about["temperature.viscous"] * of_decay
     return columns
