@@ -217,6 +217,12 @@ def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
     return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
 
+def steady_velocity(own: Pass) -> FloatArray:
+    """Of a pass, (n,), with little of the encoder's noise."""
+    sos = butter(2, min(PLATEAUS.steady_hz, 0.45 * own.rate_hz), fs=own.rate_hz, output="sos")
+    return np.asarray(sosfiltfilt(sos, own.velocity, padlen=min(9, len(own.velocity) - 1)))
+
+
 def _inner(start: int, stop: int, rate_hz: float) -> slice:
     """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
     margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
