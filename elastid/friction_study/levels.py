@@ -122,10 +122,9 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     n_k, moved = len(pairs), np.zeros(len(pairs))
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed, load, _ = conditions.T
-    if steady := _at_mean_speed(used, speed, values[:n_k], np.sqrt(np.diag(covariance)[:n_k])):
+    if wanders := _wander(used, speed, values[:n_k], np.sqrt(np.diag(covariance)[:n_k])):
         wandering = values[:n_k]
-        design = PassRegression.of(steady, _pairs(steady), has_gravity, turn)
-        values, covariance, left = design.solve()
+        values, covariance, left = design.without(wanders).solve()
         moved = values[:n_k] - wandering
     g, o = values[:n_k], values[n_k : 2 * n_k]
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
@@ -156,10 +155,10 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     return PassLevels(levels, shared, float(np.sqrt(per_row * np.mean(left**2))), tuple(notes), turn)
 
 
-def _at_mean_speed(passes: Sequence[Pass], speed: FloatArray, g: FloatArray, std: FloatArray) -> list[Pass]:
-    r"""Passes as if their speeds, which cogging makes wander, were constant: along the curve through the levels g.
+def _wander(passes: Sequence[Pass], speed: FloatArray, g: FloatArray, std: FloatArray) -> list[FloatArray]:
+    r"""Torque (n,) of each pass by its speed, which cogging makes wander, along the curve through the levels g.
 
-    .. math:: u - s\, [h(|\dot q|) - h(\overline{|\dot q|})], \quad h(v) = a + b v + c e^{-(v / \nu)^2}
+    .. math:: s\, [h(|\dot q|) - h(\overline{|\dot q|})], \quad h(v) = a + b v + c e^{-(v / \nu)^2}
 
     Empty where levels (n_k,) at speeds are too few for a curve, or passes steady within the least std of a level.
     """
@@ -176,13 +175,9 @@ def _at_mean_speed(passes: Sequence[Pass], speed: FloatArray, g: FloatArray, std
         curves.append((float(np.sum((g / std - A @ numbers) ** 2)), nu, numbers))
     _, nu, numbers = min(curves, key=lambda curve: curve[0])
     speeds = [np.abs(steady_velocity(each)) for each in passes]
-    wanders = [(columns(v, nu) - columns(v.mean()[None], nu)) @ numbers for v in speeds]
-    if max(float(np.std(wander)) for wander in wanders) < std.min():
-        return []
-    return [
-        replace(each, torque=each.torque - each.direction * wander)
-        for each, wander in zip(passes, wanders, strict=True)
-    ]
+    pairs = zip(passes, speeds, strict=True)
+    wanders = [each.direction * (columns(v, nu) - columns(v.mean()[None], nu)) @ numbers for each, v in pairs]
+    return wanders if max(float(np.std(wander)) for wander in wanders) > std.min() else []
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
