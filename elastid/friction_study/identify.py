@@ -167,8 +167,13 @@ def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     heat = {name.removeprefix("temperature."): fit[name] for name in terms.heat}
     if heat.get("viscous", 0.0) < 0:  # it grows with heat, which no law has
         del heat["viscous"]
+    coulomb, quadratic = fit["coulomb"], fit["quadratic"] if terms.quadratic else 0.0
+    if quadratic < 0:  # A file has none that drives at high speed: of all lines the one nearest to the curve up to V.
+        V = max(speeds, default=0.0)
+        coulomb, viscous, quadratic = coulomb - quadratic * V**2 / 6, max(0.0, viscous + quadratic * V), 0.0
     return Friction(
-        fit["coulomb"], fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
+        coulomb, fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
+        quadratic, terms.exponent,
         load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
         temperature=TemperatureDependence(terms.reference, decay=terms.decay, **heat) if heat else None,
         directions=Directions(**apart) if apart else None, measured=measured,

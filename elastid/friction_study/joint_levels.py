@@ -148,6 +148,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
             notes.append(gain_note(joint.name, *gain))
         friction = regress_motion(*motions)
+        notes += friction.notes
     except DataError as error:
         problems.append(str(error))
     enough = _enough(passes)

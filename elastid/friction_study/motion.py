@@ -2,11 +2,12 @@ r"""Inertia and friction of one axis from any motion of it: torque regressed on 
 
 .. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, s + (F_s - F_c)\, s\, e^{-(\dot q / \nu_s)^2}
               + F_{cl} l s + F_{cT} \theta s + f_T (e^{-\theta / T_V} - 1) \dot q
+              + \alpha_3 \dot q |\dot q| + s \sum_k p_k P_k(q)
               + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
 
-with s = sgn q', the load l of a log, its temperature theta about the mean, ripple of the motor's turns (N a turn of the
-joint) and a delay T of the torque. Delay, ripple, Stribeck effect, load and temperature are parts where the data show
-them beyond chance.
+with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
+ripple of the motor's turns (N a turn of the joint) and a delay T of the torque. All but J, f, F_c, gravity and o are
+parts where the data show them beyond chance.
 
 Both sides of the equation pass the same low-pass filter of finite length and are thinned to twice its band, so that
 filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
@@ -20,6 +21,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
@@ -36,13 +38,16 @@ from elastid.friction_study.laws import (
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
+    ANGLE,
     MotionTerms,
     columns_of,
     equations_of,
     full_rate_columns,
     regressed,
     shown_terms,
+    with_other_exponents,
 )
+from elastid.friction_study.pass_checks import PASSES
 from elastid.friction_study.passes import Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 
@@ -158,13 +163,31 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     terms = shown_terms(motions, signals)
     alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
     refuse_driving(motions[0].place, alike)
+    alike, apart = (with_other_exponents(motions, signals, terms, each) for each in (alike, apart))
     chance = apart.chance("directions.viscous", 0)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
     fit = MotionFriction(
         motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, (), passband_hz, (), seconds, terms=terms
     )
-    return _judged(replace(fit, held=tuple(_held(fit, signals))), motions, signals)
+    fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
+    return _judged(fit, motions, signals)
+
+
+def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
+    """On dry friction that changes with the angle."""
+    if not fit.terms.angles:
+        return ()
+    parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
+    change = legval(np.linspace(-1, 1, 101), parts) / max(abs(fit.chosen["coulomb"]), 1e-300)
+    if np.ptp(change) < PASSES.min_change:
+        return ()
+    unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
+    text = (
+        f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
+        "with the angle or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
+    )
+    return (Note("friction-by-angle", text, f"motion of {fit.motion.place}"),)
 
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
@@ -312,10 +335,10 @@ def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, 
     numbers, parts = friction.chosen, dict[str, FloatArray]()
     columns = columns_of(friction.motion, signals, friction.terms.at(numbers))
     for name in (name for name in columns if name in numbers.names):  # of joints that moved together friction alone
-        dry = name in ("stiction", "load.coulomb", "temperature.coulomb")
+        dry = name in ("stiction", "load.coulomb", "temperature.coulomb") or name.startswith("angle")
         rest = "offset" if "offset" in numbers.names else "directions.coulomb"
         part = "coulomb" if dry else rest if name == "delay" or name.startswith("ripple") else name
-        part = "viscous" if name == "temperature.viscous" else part
+        part = "viscous" if name in ("temperature.viscous", "quadratic") else part
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
-from elastid.friction_study.laws import TEMPERATURE_STEP_K
+from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
@@ -17,6 +18,8 @@ from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
+# Polynomials of the angle by which dry friction may change.
+ANGLE = ("angle.1", "angle.2", "angle.3", "angle.4")
 # Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
 _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 
@@ -25,8 +28,9 @@ _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  heat: of HEAT, about `reference`
-    in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  spring: of a gear, for a test.
+    stribeck_velocity: 0 without a Stribeck effect, of an exponent.  harmonics: of the motor's turns.  heat: of HEAT,
+    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
+    those over which dry friction changes, empty where it does not.  spring: of a gear, for a test.
     """
 
     apart: bool = True
@@ -39,6 +43,9 @@ class MotionTerms:
     measured: tuple[float, float] | None = None
     decay: float = START_DECAY_K
     is_decay_free: bool = False
+    exponent: float = EXPONENTS[-1]
+    quadratic: bool = False
+    angles: tuple[float, ...] = ()
     spring: bool = False
 
     def at(self, numbers: Regression) -> MotionTerms:
@@ -68,12 +75,67 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
     delayed = replace(terms, delay=True)
     if regressed(motions, signals, delayed).chance("delay", 0) < FALSE_ALARM:
         terms = delayed
-    terms = _heat(motions, signals, terms)
-    return replace(terms, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+    return _curve(motions, signals, _by_angle(motions, signals, _heat(motions, signals, terms)))
+
+
+def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With dry friction over the angle, if some of its Legendre polynomials shows."""
+    ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
+    wider = replace(terms, angles=ends)
+    fit = regressed(motions, signals, wider)
+    chance = min(fit.chance(name, 0) for name in ANGLE)
+    return wider if chance * len(ANGLE) < FALSE_ALARM else terms
+
+
+def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With quadratic friction, a Stribeck effect or both, beginning with the one that explains more."""
+    bent, falling = replace(terms, quadratic=True), replace(terms, stribeck_velocity=0.0)
+    falling = replace(falling, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+    of_bent = regressed(motions, signals, bent)
+    if of_bent.chance("quadratic", 0) < FALSE_ALARM:
+        if not falling.stribeck_velocity:
+            return replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
+        if of_bent.sum_of_squares < regressed(motions, signals, falling).sum_of_squares:
+            terms = replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
+        else:
+            both = replace(falling, quadratic=True)
+            shows = regressed(motions, signals, both).chance("quadratic", 0) < FALSE_ALARM
+            terms = both if shows else falling
+    else:
+        terms = falling
+    if not terms.stribeck_velocity:
+        return terms
+    fits = {a: regressed(motions, signals, replace(terms, exponent=a)) for a in EXPONENTS}
+    best = min(EXPONENTS, key=lambda a: fits[a].sum_of_squares)
+    held = fits[EXPONENTS[-1]]
+    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / _independent(signals, held))
+    return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
+
+
+def with_other_exponents(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression
+) -> Regression:
+    """With the change to other exponents of the Stribeck curve in the covariance, of those that are not excluded."""
+    change = np.zeros(len(fit.names))
+    limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
+    for exponent in EXPONENTS if terms.stribeck_velocity else ():
+        other = regressed(motions, signals, replace(terms.at(fit), exponent=exponent))
+        own = np.array([other[name] for name in fit.names]) - fit.values
+        if other.sum_of_squares < limit and abs(own[fit.names.index("coulomb")]) > abs(
+            change[fit.names.index("coulomb")]
+        ):
+            change = own
+    return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+
+def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
+    """Independent residuals that their correlation leaves."""
+    n = sum(int(each.used.sum()) for each in signals)
+    return n * (1 - fit.correlation) / (1 + fit.correlation)
 
 
 def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With the numbers of heat that show, the likelier one first."""
+    """With the numbers of heat if one shows: without the other it would take that one's part."""
     degc = [motion.temperature for motion in motions if motion.temperature is not None]
     if len(degc) < len(motions):
         return terms
@@ -81,19 +143,11 @@ def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: Mo
     terms = replace(terms, reference=float(every.mean()), measured=(float(every.min()), float(every.max())))
     if np.ptp(every) < TEMPERATURE_STEP_K:
         return terms
-    waiting = list(HEAT)
-    while waiting:
-        wider = {name: replace(terms, heat=(*terms.heat, name)) for name in waiting}
-        chances = {name: regressed(motions, signals, each).chance(name, 0) for name, each in wider.items()}
-        best = min(waiting, key=chances.__getitem__)
-        if chances[best] * len(HEAT) > FALSE_ALARM:
-            break
-        terms = wider[best]
-        waiting.remove(best)
-    both = regressed(motions, signals, terms)
-    terms = replace(terms, heat=tuple(name for name in terms.heat if both.chance(name, 0) < FALSE_ALARM))
-    if "temperature.viscous" not in terms.heat:
+    alone = [regressed(motions, signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
+    if min(alone) * len(HEAT) > FALSE_ALARM:
         return terms
+    terms = replace(terms, heat=HEAT)
+    both = regressed(motions, signals, terms)
     # Where temperatures show that T_V is another, it is free, for the intervals of the others.
     free = replace(terms, is_decay_free=True)
     if _solved(motions, signals, free, both).chance("temperature.decay", 0) > FALSE_ALARM:
@@ -106,8 +160,7 @@ def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignal
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(motions, signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(motions, signals, terms), regressed(motions, signals, best, steps=0)
-    n = sum(int(each.used.sum()) for each in signals)
-    n_independent = n * (1 - without.correlation) / (1 + without.correlation)
+    n_independent = _independent(signals, without)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
@@ -208,12 +261,19 @@ def full_rate_columns(
     v, s, q = signals.velocity, signals.direction, signals.position
     columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
     if nu := terms.stribeck_velocity:
-        fall = np.exp(-((v / nu) ** 2))
+        x = np.abs(v / nu) ** terms.exponent
+        fall = np.exp(-x)
         columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
         if about is not None:
-            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * 2 * v**2 / nu**3
+            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
     if terms.load:
         columns["load.coulomb"] = motion.load * s
+    if terms.quadratic:
+        columns["quadratic"] = v * np.abs(v)
+    if terms.angles:
+        low, high = terms.angles
+        waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
+        columns |= {name: s * waves[:, k] for k, name in enumerate(ANGLE, start=1)}
     columns |= _columns_of_heat(motion, signals, terms, about)
     ones = np.ones_like(v)
     columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
