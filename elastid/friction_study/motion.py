@@ -45,7 +45,7 @@ from elastid.friction_study.motion_terms import (
     full_rate_columns,
     regressed,
     shown_terms,
-    with_other_exponents,
+    with_other_curves,
 )
 from elastid.friction_study.pass_checks import PASSES
 from elastid.friction_study.passes import Plateau, distinct_speeds
@@ -163,7 +163,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     terms = shown_terms(motions, signals)
     alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
     refuse_driving(motions[0].place, alike)
-    alike, apart = (with_other_exponents(motions, signals, terms, each) for each in (alike, apart))
+    alike, apart = (with_other_curves(motions, signals, terms, each) for each in (alike, apart))
     chance = apart.chance("directions.viscous", 0)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
@@ -175,7 +175,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 
 
 def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
-    """On dry friction that changes with the angle."""
+    """On dry friction that changes with the position."""
     if not fit.terms.angles:
         return ()
     parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
@@ -185,7 +185,7 @@ def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
     unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
     text = (
         f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
-        "with the angle or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
+        "with the position or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
     )
     return (Note("friction-by-angle", text, f"motion of {fit.motion.place}"),)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from elastid.base.arrays import FloatArray
-from elastid.base.statistics import f_test
+from elastid.base.statistics import QUANTILE_95, f_test
 from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
@@ -18,6 +18,8 @@ from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
+# Share of the time in the middle third of all temperatures, which three temperatures at least have.
+MIN_BETWEEN = 0.05
 # Polynomials of the angle by which dry friction may change.
 ANGLE = ("angle.1", "angle.2", "angle.3", "angle.4")
 # Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
@@ -29,8 +31,9 @@ class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  harmonics: of the motor's turns.  heat: of HEAT,
-    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
-    those over which dry friction changes, empty where it does not.  spring: of a gear, for a test.
+    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
+    speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
+    it does not.  spring: of a gear, for a test.
     """
 
     apart: bool = True
@@ -45,6 +48,7 @@ class MotionTerms:
     is_decay_free: bool = False
     exponent: float = EXPONENTS[-1]
     quadratic: bool = False
+    power: float = 2.0
     angles: tuple[float, ...] = ()
     spring: bool = False
 
@@ -112,20 +116,39 @@ def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: M
     return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
 
 
-def with_other_exponents(
+def with_other_curves(
     motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression
 ) -> Regression:
-    """With the change to other exponents of the Stribeck curve in the covariance, of those that are not excluded."""
-    change = np.zeros(len(fit.names))
+    """With the change to other curves over speed in the covariance, of those that are not excluded.
+
+    They are of other exponents of a Stribeck effect, of a power of 1.5 instead of quadratic friction, and of a Stribeck
+    effect too small to show, where it changes F_c beyond its interval.
+    """
+    change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
+    others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
+    others += [replace(own_terms, power=1.5)] if terms.quadratic else []
+    if not terms.stribeck_velocity:
+        fastest = max(float(np.abs(each.velocity).max()) for each in signals)
+        velocity = _best_velocity(motions, signals, own_terms, _VELOCITIES * fastest)
+        unseen = regressed(motions, signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
+        own = _change(fit, unseen)
+        if unseen["stiction"] > unseen["coulomb"] and abs(own[place]) > QUANTILE_95 * fit.std("coulomb"):
+            change = own
     limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
-    for exponent in EXPONENTS if terms.stribeck_velocity else ():
-        other = regressed(motions, signals, replace(terms.at(fit), exponent=exponent))
-        own = np.array([other[name] for name in fit.names]) - fit.values
-        if other.sum_of_squares < limit and abs(own[fit.names.index("coulomb")]) > abs(
-            change[fit.names.index("coulomb")]
-        ):
+    for curve in others:
+        other = regressed(motions, signals, curve)
+        own = _change(fit, other)
+        if other.sum_of_squares < limit and abs(own[place]) > abs(change[place]):
             change = own
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+
+def _change(fit: Regression, other: Regression) -> FloatArray:
+    """Of the numbers (n_x,) in the other regression; that of another power of the speed is another number."""
+    shared = [name in other.names and name != "quadratic" for name in fit.names]
+    return np.array([
+        other[name] - fit[name] if is_shared else 0.0 for name, is_shared in zip(fit.names, shared, strict=True)
+    ])  # fmt: skip
 
 
 def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
@@ -140,19 +163,17 @@ def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: Mo
     if len(degc) < len(motions):
         return terms
     every = np.concatenate(degc)
-    terms = replace(terms, reference=float(every.mean()), measured=(float(every.min()), float(every.max())))
+    low, high = float(every.min()), float(every.max())
+    terms = replace(terms, reference=float(every.mean()), measured=(low, high))
     if np.ptp(every) < TEMPERATURE_STEP_K:
         return terms
     alone = [regressed(motions, signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
     if min(alone) * len(HEAT) > FALSE_ALARM:
         return terms
-    terms = replace(terms, heat=HEAT)
-    both = regressed(motions, signals, terms)
-    # Where temperatures show that T_V is another, it is free, for the intervals of the others.
-    free = replace(terms, is_decay_free=True)
-    if _solved(motions, signals, free, both).chance("temperature.decay", 0) > FALSE_ALARM:
-        return terms
-    return free.at(regressed(motions, signals, free))
+    # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
+    between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
+    terms = replace(terms, heat=HEAT, is_decay_free=bool(between > MIN_BETWEEN))
+    return terms.at(regressed(motions, signals, terms))
 
 
 def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
@@ -269,7 +290,7 @@ def full_rate_columns(
     if terms.load:
         columns["load.coulomb"] = motion.load * s
     if terms.quadratic:
-        columns["quadratic"] = v * np.abs(v)
+        columns["quadratic"] = v * np.abs(v) ** (terms.power - 1)
     if terms.angles:
         low, high = terms.angles
         waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
