@@ -153,7 +153,8 @@ FALLING = ("temperature.viscous", "temperature.decay")
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
 # Exponents of Stribeck curves, the last one where it is held, and the cost by which levels exclude another one.
-EXPONENTS, MAX_COST = (1.0, 1.4, 2.0), 4.0
+EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
+MAX_COST = 4.0
 # Ends of the names of numbers that change friction below some speed alone.
 STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 # Speeds that show a difference between the directions that is no offset.
@@ -230,11 +231,14 @@ def _with_other_curves(levels: Levels, fit: CurveFit, parts: Sequence[_Part], sp
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
     """
     stribeck = next(part for part in parts if part.name == "stribeck")
-    if "exponent" in fit.names or spec.stribeck == "no" or stribeck.refusal:
-        return fit
     has_curve, changes = "stribeck_velocity" in fit.names, [np.zeros(len(fit.names))]
+    is_free = "exponent" in fit.names or (has_curve and spec.exponent == "no")
+    if is_free or spec.stribeck == "no" or stribeck.refusal:
+        return fit
     terms = fit.terms if has_curve else stribeck.added(fit.terms)
-    for exponent in EXPONENTS[slice(-1) if has_curve else slice(None)] if spec.exponent != "no" else EXPONENTS[-1:]:
+    held = terms.held["exponent"]
+    allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
+    for exponent in (a for a in allowed if a != held or not has_curve):
         try:
             other = fit_curve(levels, replace(terms, held={**terms.held, "exponent": exponent}))
         except FitError:
