@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from elastid.base.arrays import FloatArray
-from elastid.base.statistics import QUANTILE_95, f_test
+from elastid.base.statistics import f_test
 from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
@@ -122,7 +122,7 @@ def with_other_curves(
     """With the change to other curves over speed in the covariance, of those that are not excluded.
 
     They are of other exponents of a Stribeck effect, of a power of 1.5 instead of quadratic friction, and of a Stribeck
-    effect too small to show, where it changes F_c beyond its interval.
+    effect that shows, but not beyond chance.
     """
     change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
     others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
@@ -131,9 +131,9 @@ def with_other_curves(
         fastest = max(float(np.abs(each.velocity).max()) for each in signals)
         velocity = _best_velocity(motions, signals, own_terms, _VELOCITIES * fastest)
         unseen = regressed(motions, signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
-        own = _change(fit, unseen)
-        if unseen["stiction"] > unseen["coulomb"] and abs(own[place]) > QUANTILE_95 * fit.std("coulomb"):
-            change = own
+        shows = unseen.sum_of_squares * (1 + MAX_COST / _independent(signals, fit)) < fit.sum_of_squares
+        if unseen["stiction"] > unseen["coulomb"] and shows:
+            change = _change(fit, unseen)
     limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
     for curve in others:
         other = regressed(motions, signals, curve)

@@ -192,7 +192,7 @@ def assessed(kind: str, draws: int, seed: int) -> dict[str, Any]:
         "numbers": len(every),
         "covered": round(float(np.mean(every < QUANTILE_95)), 3),
         "wrong": round(float(np.mean(every > 3)), 3),
-        "worst_std": {name: round(max(own, key=lambda error: abs(error)), 1) for name, own in errors.items()},
+        "worst_std": {name: round(own[int(np.argmax(np.abs(own)))], 1) for name, own in errors.items()},
     }
 
 
