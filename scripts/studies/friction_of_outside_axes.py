@@ -12,9 +12,10 @@ controller for 60 s, half of them along sines, half there and back at drawn spee
 
 The torque has white noise and noise that is correlated over 40 ms, each of 1.5 % of its rms, the encoder 2^19 counts.
 Of each kind: misfits, the share of 95 % intervals of inertia and friction that hold the truth, numbers that are more
-than 3 std off in logs that are no misfits, and the largest error in std. Of a hundred numbers at most MAX_WRONG may be
-so. The seconds of every log must add up. The last line is one JSON object.
-QUOTE
+than 3 std off in logs that are no misfits, and the largest error in std. Of all numbers at most MAX_WRONG may be so. The seconds of every log must add up. The last line is one JSON object.
+
+--draws 16: misfits 12, 0, 6 and 19 %; of the 160 numbers of the others 93, 91, 97 and 88 % are covered, and one (viscous
+friction over the position, 4.8 std) is more than 3 std off.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -39,7 +40,7 @@ from elastid.friction_study.motion_signals import Motion
 STEP_S, THINNED, DURATION_S, COUNTS, NOISE = 5e-4, 4, 60.0, 2**19, 0.015
 KINDS = ("position", "load", "warming", "odd")
 BY_SIN, BY_LOAD, COULOMB_PER_K, VISCOUS_PER_K, STRIBECK, POWER = 0.15, 0.1, -0.008, -0.015, 0.3, 1.5
-MAX_WRONG = 0.06
+MAX_WRONG = 0.02
 
 
 @dataclass(frozen=True)
