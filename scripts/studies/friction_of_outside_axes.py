@@ -12,10 +12,11 @@ controller for 60 s, half of them along sines, half there and back at drawn spee
 
 The torque has white noise and noise that is correlated over 40 ms, each of 1.5 % of its rms, the encoder 2^19 counts.
 Of each kind: misfits, the share of 95 % intervals of inertia and friction that hold the truth, numbers that are more
-than 3 std off in logs that are no misfits, and the largest error in std. Of all numbers at most MAX_WRONG may be so. The seconds of every log must add up. The last line is one JSON object.
+than 3 std off in logs that are no misfits, and the largest error in std. Of all numbers at most MAX_WRONG may be so.
+The seconds of every log must add up. The last line is one JSON object.
 
---draws 16: misfits 12, 0, 6 and 19 %; of the 160 numbers of the others 93, 91, 97 and 88 % are covered, and one (viscous
-friction over the position, 4.8 std) is more than 3 std off.
+--draws 16: misfits 12, 0, 6 and 19 %; of the 160 numbers of the others 93, 91, 97 and 88 % are covered, and one
+(viscous friction where dry friction changes with the position, 4.8 std) is more than 3 std off.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
