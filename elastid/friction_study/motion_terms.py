@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
+from numpy.polynomial.legendre import legval, legvander
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
 from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.pass_checks import PASSES
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
 from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
@@ -83,12 +84,14 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
 
 
 def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With dry friction over the angle, if some of its Legendre polynomials shows."""
+    """With dry friction over the angle, if some of its Legendre polynomials shows, and all change it enough to matter."""
     ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
     wider = replace(terms, angles=ends)
     fit = regressed(motions, signals, wider)
     chance = min(fit.chance(name, 0) for name in ANGLE)
-    return wider if chance * len(ANGLE) < FALSE_ALARM else terms
+    change = np.ptp(legval(np.linspace(-1, 1, 101), [0.0, *(fit[name] for name in ANGLE)]))
+    matters = change > PASSES.min_change * abs(fit["coulomb"])
+    return wider if matters and chance * len(ANGLE) < FALSE_ALARM else terms
 
 
 def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
