@@ -84,7 +84,7 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
 
 
 def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With dry friction over the angle, if one of its Legendre polynomials shows, and they change it enough to matter."""
+    """With dry friction over the angle, if a Legendre polynomial shows, and all change it enough to matter."""
     ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
     wider = replace(terms, angles=ends)
     fit = regressed(motions, signals, wider)
