@@ -48,7 +48,8 @@ class PlacedLaw:
         """The numbers (9,) of `static.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
 
         level: a factor on all of the friction's torque.  temperature: the reference unless given.
-        Raises ValueError where the temperature leaves less stiction than Coulomb friction, or no Stribeck velocity.
+        Raises ValueError where the temperature leaves less stiction than Coulomb friction, none of this, or no Stribeck
+        velocity.
         """
         spec, n = self.spec, self.scale
         F_c, F_s, nu_s, alpha_T = spec.coulomb, spec.break_away, spec.stribeck_velocity, 0.0
@@ -63,7 +64,8 @@ class PlacedLaw:
                 F_l, inverse_nu_l = excess, n / spec.load.stribeck_velocity
         if spec.temperature is not None and temperature is not None:
             warm, rise = spec.temperature, temperature - spec.temperature.reference
-            F_s += warm.stiction * rise
+            F_c += warm.coulomb * rise
+            F_s += (warm.stiction + warm.coulomb) * rise
             nu_s = None if nu_s is None else nu_s + warm.stribeck_velocity * rise
             alpha_T = warm.viscous * math.expm1(-rise / warm.decay)
         self._check(F_c, F_s, nu_s, load, temperature)
@@ -82,6 +84,10 @@ class PlacedLaw:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
         state = f"friction of {self.place} under a load of {load:.4g} {torque}"
         state += "" if temperature is None else f" at {temperature:.4g} degC"
+        if F_c < 0:
+            raise ValueError(
+                f"{state}: Coulomb friction falls to {F_c:.4g} {torque}; correct its dependence on temperature"
+            )
         if F_s < F_c * (1 - 1e-12):
             raise ValueError(
                 f"{state}: stiction falls to {F_s:.4g} {torque}, below coulomb of {F_c:.4g} {torque}; correct its "

@@ -11,7 +11,7 @@ g(v) instead of F_c and may grow with v |v|. As a sum of columns, linear in most
 
 .. math::
    s \tau_f = F_c + \delta_c s + F_{cl} L + F_{sl} L\, e(v / \nu_l)
-       + (D_s + D_{sT} \theta)\, e(v / (\nu_s + \nu_T \theta))
+       + F_{cT} \theta + (D_s + D_{sT} \theta)\, e(v / (\nu_s + \nu_T \theta))
        + (\alpha + \delta_v s) v + \alpha_T (e^{-\theta / T_V} - 1) v + \alpha_3 v^2, \quad e(x) = e^{-|x|^a}
 
 with s the direction, v = |v|, L the load and theta = T - T_0 (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh,
@@ -145,7 +145,8 @@ class Tustin:
 # Numbers of the law by their path in `robot.friction.Friction`: those that tau_f is linear in, and the others.
 LINEAR = (
     *("coulomb", "excess", "viscous", "quadratic", "load.coulomb", "load.excess"),
-    *("temperature.stiction", "temperature.viscous", "directions.coulomb", "directions.viscous"),
+    *("temperature.coulomb", "temperature.stiction", "temperature.viscous"),
+    *("directions.coulomb", "directions.viscous"),
 )
 NONLINEAR = (
     *("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity"),
@@ -175,6 +176,7 @@ def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, fl
         "viscous": v,
         "quadratic": v**2,
         "load.coulomb": L,
+        "temperature.coulomb": theta,
         "directions.coulomb": s,
         "directions.viscous": s * v,
     }

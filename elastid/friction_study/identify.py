@@ -39,7 +39,7 @@ from elastid.friction_study.result import (
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
-from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot
+from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot, TemperatureDependence
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
@@ -162,11 +162,20 @@ def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
     apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
-    has_stribeck = "stiction" in fit.names
+    measured = MeasuredRange((min(speeds), max(speeds)), None, motion.terms.measured) if speeds else None
+    has_stribeck, terms = "stiction" in fit.names, motion.terms.at(fit)
+    heat = {name.removeprefix("temperature."): fit[name] for name in terms.heat}
+    if heat.get("viscous", 0.0) < 0:  # it grows with heat, which no law has
+        del heat["viscous"]
+    coulomb, quadratic = fit["coulomb"], fit["quadratic"] if terms.quadratic else 0.0
+    if quadratic < 0:  # A file has none that drives at high speed: of all lines the one nearest to the curve up to V.
+        V = max(speeds, default=0.0)
+        coulomb, viscous, quadratic = coulomb - quadratic * V**2 / 6, max(0.0, viscous + quadratic * V), 0.0
     return Friction(
-        fit["coulomb"], fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
+        coulomb, fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
+        quadratic, terms.exponent,
         load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
+        temperature=TemperatureDependence(terms.reference, decay=terms.decay, **heat) if heat else None,
         directions=Directions(**apart) if apart else None, measured=measured,
     ), viscous  # fmt: skip
 

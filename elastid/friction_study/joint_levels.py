@@ -148,6 +148,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
             notes.append(gain_note(joint.name, *gain))
         friction = regress_motion(*motions)
+        notes += friction.notes
     except DataError as error:
         problems.append(str(error))
     enough = _enough(passes)
@@ -208,10 +209,14 @@ def robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
 
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
-    place, rate_hz = f"joint {record.joint}", record.rate_hz
+    place, degc = f"joint {record.joint}", record.temperature
+    known = np.zeros(0, bool) if degc is None else np.isfinite(degc)
+    if degc is not None and known.any():
+        degc = np.interp(np.arange(len(degc)), np.flatnonzero(known), degc[known])
     return Motion(
-        place, rate_hz, record.position, record.torque, record.slides, against_gravity, turn, record.load_torque
-    )
+        place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
+        record.load_torque, degc if known.any() else None,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

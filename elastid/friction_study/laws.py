@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
-from elastid.friction_study.levels import Levels
+from elastid.friction_study.levels import LEVELS, Levels
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_curve
 from elastid.record import drive_unit, motion_unit
@@ -19,7 +19,11 @@ from elastid.robot.friction import Directions, Friction, LoadDependence, Measure
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The law through levels, and the parts that could not be identified from them."""
+    """The law through levels, and the parts that could not be identified from them.
+
+    Where levels show a Stribeck effect and no speed is slow enough for its numbers, it is in the law, so that the other
+    numbers are right and the law holds at the speeds measured, and among `held`: its own numbers are extrapolations.
+    """
 
     levels: Levels
     fit: CurveFit
@@ -30,7 +34,7 @@ class StaticLaw:
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
         names = ("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",)
         fit = fit_curve(levels, Terms(names, (), {}))
-        parts, held = _parts(levels), dict[str, str]()
+        parts, held, extrapolated = _parts(levels), dict[str, str](), dict[str, str]()
         waiting = list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
@@ -43,12 +47,16 @@ class StaticLaw:
                 fit = wider
                 waiting.remove(part)
                 held.pop(part.name, None)
-        taken = {part.name for part in parts} - {part.name for part in waiting}
-        for part in waiting:
-            if getattr(spec, part.name) == "yes" and part.name not in taken:
-                raise FitError(f"friction of {levels.place}: law.{part.name} cannot be identified: {held[part.name]}")
+                if reason:
+                    extrapolated[part.name] = reason
+        held |= extrapolated
         # Of a part that is there, a further number that does not show is no refusal.
+        taken = {part.name for part in parts if part not in waiting}
         shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+        for name, reason in shown.items():
+            if getattr(spec, name) == "yes":
+                raise FitError(f"friction of {levels.place}: law.{name} cannot be identified: {reason}")
+        fit = _with_other_curves(levels, fit, parts, spec)
         return cls(levels, fit, tuple(Held(name, reason) for name, reason in shown.items()))
 
     @property
@@ -69,10 +77,13 @@ class StaticLaw:
 
     @property
     def intervals(self) -> dict[str, tuple[float, float, float, float]]:
-        """Of each number by name value, std, and the ends of its 95 % interval."""
+        """Of each number by name value, std, and the ends of its 95 % interval; without those that are extrapolated."""
         reach, stds = self.fit.reach, np.sqrt(np.diag(self.covariance)).tolist()
+        unseen = STRIBECK_NUMBERS if any(part.part == "stribeck" for part in self.held) else ()
         numbers = zip(self.values.items(), stds, strict=True)
-        return {name: (x, std, x - reach * std, x + reach * std) for (name, x), std in numbers}
+        return {
+            name: (x, std, x - reach * std, x + reach * std) for (name, x), std in numbers if not name.endswith(unseen)
+        }
 
     @property
     def measured(self) -> MeasuredRange:
@@ -93,10 +104,11 @@ class StaticLaw:
         if "load.coulomb" in value or "load.stiction" in value:
             stiction, velocity = value.get("load.stiction"), value.get("load.stribeck_velocity")
             load = LoadDependence(max(0.0, value.get("load.coulomb", 0.0)), stiction, velocity)
-        if "temperature.viscous" in value or "temperature.stiction" in value:
+        if any(name.startswith("temperature") for name in value):
             temperature = TemperatureDependence(
                 self.fit.T_0, value.get("temperature.stiction", 0.0), value.get("temperature.stribeck_velocity", 0.0),
-                max(0.0, value.get("temperature.viscous", 0.0)), eta.get("temperature.decay", 20.0),
+                max(0.0, value.get("temperature.viscous", 0.0)), eta.get("temperature.decay", START_DECAY_K),
+                value.get("temperature.coulomb", 0.0),
             )  # fmt: skip
         if "directions.coulomb" in value:
             directions = Directions(value["directions.coulomb"], value["directions.viscous"])
@@ -136,8 +148,15 @@ def _range(values: FloatArray) -> tuple[float, float]:
 NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
 # Temperatures closer than this are the same condition.
 TEMPERATURE_STEP_K = 2.0
+# Numbers of temperature that are positive: viscous friction falls with heat.
+FALLING = ("temperature.viscous", "temperature.decay")
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
+# Exponents of Stribeck curves, the last one where it is held, and the cost by which levels exclude another one.
+EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
+MAX_COST = 4.0
+# Ends of the names of numbers that change friction below some speed alone.
+STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 # Speeds that show a difference between the directions that is no offset.
 MIN_UNEVEN_SPEEDS = 4
 # Difference between the directions, over friction, within which they are called alike: all of its interval.
@@ -177,6 +196,7 @@ class _Part:
 
 
 def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[CurveFit | None, str]:
+    """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
     if key == "no":
         return None, NOT_ASKED
     if part.refusal:
@@ -193,23 +213,55 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
     wide = _widest(wider, new)
-    if wide is not None:
-        return None, wide
-    if "stribeck_velocity" in new:
-        nu_s, lowest = wider.values["stribeck_velocity"], float(levels.speed.min())
-        if lowest > LOWEST_SPEED * nu_s:
-            return None, (
-                f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
-                f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
-            )
-    return wider, ""
+    if "stribeck_velocity" not in new:
+        return (wider, "") if wide is None else (None, wide)
+    nu_s, lowest = wider.values["stribeck_velocity"], float(levels.speed.min())
+    if lowest <= LOWEST_SPEED * nu_s:
+        return (wider, "") if wide is None else (None, wide)
+    text = (
+        f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
+        f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
+    )
+    std = dict(zip(wider.names, np.sqrt(np.diag(wider.covariance)).tolist(), strict=True))
+    is_known = std["coulomb"] < LEVELS.max_relative_std * wider.values["coulomb"] and wider.values["excess"] > 0
+    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
+
+
+def _with_other_curves(levels: Levels, fit: CurveFit, parts: Sequence[_Part], spec: LawSpec) -> CurveFit:
+    """With the difference to other Stribeck curves in the covariance, of those that the levels do not exclude.
+
+    These are of another exponent where it is held, and, where there is none, below the lowest speed.
+    """
+    stribeck = next(part for part in parts if part.name == "stribeck")
+    has_curve, changes = "stribeck_velocity" in fit.names, [np.zeros(len(fit.names))]
+    is_free = "exponent" in fit.names or (has_curve and spec.exponent == "no")
+    if is_free or spec.stribeck == "no" or stribeck.refusal:
+        return fit
+    terms = fit.terms if has_curve else stribeck.added(fit.terms)
+    held = terms.held["exponent"]
+    allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
+    for exponent in (a for a in allowed if a != held or not has_curve):
+        try:
+            other = fit_curve(levels, replace(terms, held={**terms.held, "exponent": exponent}))
+        except FitError:
+            continue
+        would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * other.values["stribeck_velocity"]
+        if other.cost < fit.cost + MAX_COST and other.values["excess"] > 0 and not would_show:
+            changes.append(np.array([other.values[name] - fit.values[name] for name in fit.names]))
+    change = max(changes, key=lambda each: float(abs(each[fit.names.index("coulomb")])))
+    return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+
+def extrapolates(lowest: float) -> str:
+    """The end of a reason why a law has no Stribeck effect; lowest: speed that was measured."""
+    return f"F_c is extrapolated to zero from speeds of {lowest:.2g} and above, and friction below may be larger"
 
 
 def _widest(fit: CurveFit, names: list[str]) -> str | None:
     """The reason why a number of the new part is not known; a slope over temperature or direction may be zero."""
     std = dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
     for name in names:
-        if name.startswith("directions") or name in ("temperature.stribeck_velocity", "temperature.stiction"):
+        if name.startswith("directions") or (name.startswith("temperature") and name not in FALLING):
             continue
         value = fit.values[name]
         if not std[name] < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
@@ -221,14 +273,19 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
     speeds = _distinct(np.log(levels.speed), 0.05)
     temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
     loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
-    few = f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}" if speeds < MIN_SPEEDS else ""
+    few = (
+        f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}; "
+        f"{extrapolates(float(levels.speed.min()))}"
+        if speeds < MIN_SPEEDS
+        else ""
+    )
     one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else _directions_refusal(levels, speeds)
     one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
     two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
     one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"
     two_T = "" if temperatures > 2 else f"{temperatures} temperatures; an exponential decay needs three, far apart"
     return (
-        _Part("stribeck", few, ("excess",), ("stribeck_velocity",), held={"exponent": 2.0}),
+        _Part("stribeck", few, ("excess",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
         _Part("directions", one_way, ("directions.coulomb", "directions.viscous")),
         _Part("load", one_load, ("load.coulomb",)),
         _Part("load", one_load, ("load.excess",), after="stribeck_velocity"),
@@ -237,6 +294,7 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
         _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
         _Part("temperature", one_T or two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
         _Part("exponent", few, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Part("temperature", one_T, ("temperature.coulomb",)),
         _Part("quadratic", few, ("quadratic",)),
     )
 

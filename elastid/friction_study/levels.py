@@ -15,7 +15,7 @@ from elastid.base.statistics import QUANTILE_95, chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
-from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of
+from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, steady_velocity
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
@@ -89,6 +89,7 @@ class LevelLimits:
     max_relative_std: float = 0.2  # std over level, above which a level does not count
     same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
     same_kelvin: float = 2.0  # the same for temperatures
+    min_speeds: int = 5  # through which a curve of friction goes
 
 
 LEVELS = LevelLimits()
@@ -120,15 +121,19 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     pairs = _pairs(used)
     design = PassRegression.of(used, pairs, has_gravity, turn)
     values, covariance, left = design.solve()
-    n_k = len(pairs)
-    g, o = values[:n_k], values[n_k : 2 * n_k]
+    n_k, moved = len(pairs), np.zeros(len(pairs))
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed, load, _ = conditions.T
+    if wanders := _wander(used, speed, values[:n_k], np.sqrt(np.diag(covariance)[:n_k])):
+        wandering = values[:n_k]
+        values, covariance, left = design.without(wanders).solve()
+        moved = values[:n_k] - wandering
+    g, o = values[:n_k], values[n_k : 2 * n_k]
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     max_difference = _max_difference(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed, g)
-    std = np.sqrt(np.diag(covariance)[:n_k])
+    std = np.sqrt(np.diag(covariance)[:n_k] + moved**2)
     known = std < LEVELS.max_relative_std * np.abs(g)
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
@@ -152,6 +157,31 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     notes += gravity_note(shared, g, used[0])
     per_row = sum(len(each.torque) for each in used) / len(left)  # samples, whose mean has less noise than one
     return PassLevels(levels, shared, float(np.sqrt(per_row * np.mean(left**2))), tuple(notes), turn)
+
+
+def _wander(passes: Sequence[Pass], speed: FloatArray, g: FloatArray, std: FloatArray) -> list[FloatArray]:
+    r"""Torque (n,) of each pass by its speed, which cogging makes wander, along the curve through the levels g.
+
+    .. math:: s\, [h(|\dot q|) - h(\overline{|\dot q|})], \quad h(v) = a + b v + c e^{-(v / \nu)^2}
+
+    Empty where levels (n_k,) at speeds are too few for a curve, or passes steady within the least std of a level.
+    """
+    if len(np.unique(np.round(np.log(speed) / LEVELS.same_speed))) < LEVELS.min_speeds:
+        return []
+
+    def columns(v: FloatArray, nu: float) -> FloatArray:
+        return np.stack([np.ones_like(v), v, np.exp(-((v / nu) ** 2))], axis=1)
+
+    curves = []
+    for nu in np.geomspace(speed.min() / 2, speed.max(), 24).tolist():
+        A = columns(speed, nu) / std[:, None]
+        numbers = np.linalg.lstsq(A, g / std, rcond=None)[0]
+        curves.append((float(np.sum((g / std - A @ numbers) ** 2)), nu, numbers))
+    _, nu, numbers = min(curves, key=lambda curve: curve[0])
+    speeds = [np.abs(steady_velocity(each)) for each in passes]
+    pairs = zip(passes, speeds, strict=True)
+    wanders = [each.direction * (columns(v, nu) - columns(v.mean()[None], nu)) @ numbers for each, v in pairs]
+    return wanders if max(float(np.std(wander)) for wander in wanders) > std.min() else []
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:

@@ -1,10 +1,13 @@
 r"""Inertia and friction of one axis from any motion of it: torque regressed on acceleration, velocity and direction.
 
 .. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, s + (F_s - F_c)\, s\, e^{-(\dot q / \nu_s)^2}
-              + F_{cl} l s + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
+              + F_{cl} l s + F_{cT} \theta s + f_T (e^{-\theta / T_V} - 1) \dot q
+              + \alpha_3 \dot q |\dot q| + s \sum_k p_k P_k(q)
+              + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
 
-with s = sgn q', the load l of a log, ripple of the motor's turns (N a turn of the joint) and a delay T of the torque.
-Delay, ripple, Stribeck effect and load are parts where the data show them beyond chance.
+with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
+ripple of the motor's turns (N a turn of the joint) and a delay T of the torque. All but J, f, F_c, gravity and o are
+parts where the data show them beyond chance.
 
 Both sides of the equation pass the same low-pass filter of finite length and are thinned to twice its band, so that
 filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
@@ -14,31 +17,45 @@ residuals of a real axis are not white; the covariance of `least_squares.solve` 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.friction_study.laws import MIN_SPEEDS, Held
+from elastid.friction_study.laws import (
+    ABSENT,
+    LOWEST_SPEED,
+    MIN_SPEEDS,
+    STRIBECK_NUMBERS,
+    TEMPERATURE_STEP_K,
+    Held,
+    extrapolates,
+)
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
+    ANGLE,
     MotionTerms,
     columns_of,
     equations_of,
     full_rate_columns,
     regressed,
     shown_terms,
+    with_other_curves,
 )
+from elastid.friction_study.pass_checks import PASSES
 from elastid.friction_study.passes import Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
 ADVICE = "move more slowly, or identify the spring from frequency responses"
+# Share of the time of sliding at lower speeds, which is short.
+_SLOWEST_SHARE = 0.02
 # Numbers of what is no friction.
 RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
 
@@ -90,7 +107,7 @@ class MotionFriction:
     motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
     slides steadily.  held: parts that the motion cannot identify.  passband_hz: of the regression.  notes: on its data.
     seconds: of all logs, in the regression and not, by reason.  misfit: errors of the model that the intervals do not
-    hold, empty without.  rigid_body: of joints that moved together, which they share.
+    hold, empty without.  terms: parts of the regressions.  rigid_body: of joints that moved together, which they share.
     """
 
     motion: Motion
@@ -104,6 +121,7 @@ class MotionFriction:
     notes: tuple[Note, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     misfit: str = ""
+    terms: MotionTerms = field(default_factory=MotionTerms)
     rigid_body: RigidBody | None = None
 
     @property
@@ -117,6 +135,12 @@ class MotionFriction:
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The numbers that are no extrapolations."""
+        unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
+        return tuple(name for name in self.chosen.names if not name.endswith(unseen))
 
     def unit(self, name: str) -> str:
         """Of a number."""
@@ -139,16 +163,62 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     terms = shown_terms(motions, signals)
     alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
     refuse_driving(motions[0].place, alike)
+    alike, apart = (with_other_curves(motions, signals, terms, each) for each in (alike, apart))
     chance = apart.chance("directions.viscous", 0)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
-    held = parts_held(plateaus, motions[0].slides)
-    names = ["stribeck"] * (terms.stribeck_velocity > 0) + ["load"] * terms.load
-    held = tuple(part for part in held if part.part not in names)
     seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
     fit = MotionFriction(
-        motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz, (), seconds
+        motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, (), passband_hz, (), seconds, terms=terms
     )
+    fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
     return _judged(fit, motions, signals)
+
+
+def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
+    """On dry friction that changes with the position."""
+    if not fit.terms.angles:
+        return ()
+    parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
+    change = legval(np.linspace(-1, 1, 101), parts) / max(abs(fit.chosen["coulomb"]), 1e-300)
+    if np.ptp(change) < PASSES.min_change:
+        return ()
+    unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
+    text = (
+        f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
+        "with the position or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
+    )
+    return (Note("friction-by-angle", text, f"motion of {fit.motion.place}"),)
+
+
+def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
+    """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
+    terms, slides = fit.terms.at(fit.chosen), fit.motion.slides
+    speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
+    lowest = float(np.quantile(speed, _SLOWEST_SHARE))
+    for part in parts_held(fit.plateaus, slides):
+        nu_s = terms.stribeck_velocity
+        if part.part == "stribeck" and not nu_s:
+            yield replace(part, reason=f"{part.reason}; {extrapolates(lowest)}")
+        elif part.part == "temperature" and not terms.heat:
+            yield replace(part, reason=_no_heat(terms))
+        elif part.part == "load" and not terms.load:
+            yield part
+    if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
+        slow, unit = LOWEST_SPEED * terms.stribeck_velocity, "m/s" if slides else "rad/s"
+        yield Held(
+            "stribeck",
+            f"{1 - _SLOWEST_SHARE:.0%} of the time that it slides it is faster than {lowest:.2g} {unit}, a third of "
+            f"the Stribeck velocity is {slow:.2g}; record slower motions",
+        )
+
+
+def _no_heat(terms: MotionTerms) -> str:
+    if terms.measured is None:
+        return "no temperature was logged; log it, and record motions cold and warm"
+    low, high = terms.measured
+    if high - low < TEMPERATURE_STEP_K:
+        return f"it varies from {low:.3g} to {high:.3g} degC only; record motions cold and warm"
+    return f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC; longer motions might"
 
 
 def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionFriction:
@@ -196,7 +266,7 @@ def _spring(fit: MotionFriction, motions: Sequence[Motion], narrow: Sequence[Mot
 
     .. math:: -\frac{J_l^2}{k} q^{(4)}
     """
-    terms = replace(MotionTerms.of(fit.chosen), spring=True)
+    terms = replace(fit.terms.at(fit.chosen), spring=True)
     names, logs = equations_of(motions, narrow, terms)
     numbers = solve(logs, narrow[0].kept_hz).of_joint(0, range(len(names)), names)
     if numbers.chance("spring", 1) > FALSE_ALARM:
@@ -220,10 +290,10 @@ def _shift_between_bands(
     both = [
         [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
     ]
-    terms = MotionTerms.of(fit.chosen)
+    terms = fit.terms.at(fit.chosen)
     wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in both)
     shift, std = shift_between(wide, slow, signals[0].kept_hz)
-    names = [name for name in fit.chosen.names if name != "stribeck_velocity"]  # held in both
+    names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
     judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
     places = [fit.chosen.names.index(names[i]) for i in judged]
     of_all[0][places], of_all[1][places] = shift[judged], np.maximum(std[judged], 1e-300)
@@ -237,7 +307,7 @@ def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: Float
     """
     if "inertia" not in friction.chosen.names:
         return np.asarray(torque - friction.motion.torque)
-    columns = full_rate_columns(friction.motion, signals, MotionTerms.of(friction.chosen))
+    columns = full_rate_columns(friction.motion, signals, friction.terms.at(friction.chosen))
     rigid = [name for name in columns if (name in RIGID or name.startswith("ripple")) and name != "delay"]
     return np.asarray(sum(friction.chosen[name] * columns[name] for name in rigid))
 
@@ -259,14 +329,16 @@ class MotionSamples:
 def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
     """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep.
 
-    Stiction and load are in that of Coulomb friction, ripple and delay in that of the offset or, without, of gravity.
+    Stiction and load are in that of Coulomb friction, heat in that of the friction that it changes, ripple and delay in
+    that of the offset or, without, of gravity.
     """
     numbers, parts = friction.chosen, dict[str, FloatArray]()
-    columns = columns_of(friction.motion, signals, MotionTerms.of(numbers))
+    columns = columns_of(friction.motion, signals, friction.terms.at(numbers))
     for name in (name for name in columns if name in numbers.names):  # of joints that moved together friction alone
-        dry = name in ("stiction", "load.coulomb")
+        dry = name in ("stiction", "load.coulomb", "temperature.coulomb") or name.startswith("angle")
         rest = "offset" if "offset" in numbers.names else "directions.coulomb"
         part = "coulomb" if dry else rest if name == "delay" or name.startswith("ripple") else name
+        part = "viscous" if name in ("temperature.viscous", "quadratic") else part
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 
@@ -296,8 +368,8 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
     """Parts of the law that a motion with these plateaus cannot identify."""
     speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
     held = (
-        Held("temperature", "a regression of motions has none; measure passes cold and warm, and log the temperature"),
-        Held("load", "a regression of motions has none; measure passes in other postures, or with payloads"),
+        Held("temperature", "joints that move together are regressed without; record this joint alone, cold and warm"),
+        Held("load", "a regression of one load has none; record motions with other payloads, or in other postures"),
     )
     if len(speeds) >= MIN_SPEEDS:
         return held

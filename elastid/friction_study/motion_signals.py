@@ -27,7 +27,7 @@ class Motion:
     """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
 
     turns_against_gravity: True if the torque of gravity changes with the angle.  turn: of the joint for one of its
-    motor, 0 for none.  load: |torque| that the joint carries.
+    motor, 0 for none.  load: |torque| that the joint carries.  temperature (n,): degC, None where none was logged.
     """
 
     place: str
@@ -38,6 +38,7 @@ class Motion:
     turns_against_gravity: bool = False
     turn: float = 0.0
     load: float = 0.0
+    temperature: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.position.shape != self.torque.shape or self.position.ndim != 1:

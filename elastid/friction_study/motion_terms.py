@@ -1,18 +1,28 @@
-"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, delay; and its columns."""
+"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, heat, delay; its columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legval, legvander
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
+from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.pass_checks import PASSES
 from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
+from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
+# Numbers by which friction changes with temperature.
+HEAT = ("temperature.coulomb", "temperature.viscous")
+# Share of the time in the middle third of all temperatures, which three temperatures at least have.
+MIN_BETWEEN = 0.05
+# Polynomials of the angle by which dry friction may change.
+ANGLE = ("angle.1", "angle.2", "angle.3", "angle.4")
 # Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
 _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 
@@ -21,7 +31,10 @@ _VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect.  harmonics: of the motor's turns.  spring: of a gear, for a test.
+    stribeck_velocity: 0 without a Stribeck effect, of an exponent.  harmonics: of the motor's turns.  heat: of HEAT,
+    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
+    speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
+    it does not.  spring: of a gear, for a test.
     """
 
     apart: bool = True
@@ -29,17 +42,32 @@ class MotionTerms:
     stribeck_velocity: float = 0.0
     harmonics: tuple[int, ...] = ()
     load: bool = False
+    heat: tuple[str, ...] = ()
+    reference: float = 0.0
+    measured: tuple[float, float] | None = None
+    decay: float = START_DECAY_K
+    is_decay_free: bool = False
+    exponent: float = EXPONENTS[-1]
+    quadratic: bool = False
+    power: float = 2.0
+    angles: tuple[float, ...] = ()
     spring: bool = False
 
-    @classmethod
-    def of(cls, numbers: Regression) -> MotionTerms:
-        """Those of a regression."""
-        names = numbers.names
-        return cls(
-            "directions.viscous" in names, "delay" in names,
-            numbers["stribeck_velocity"] if "stribeck_velocity" in names else 0.0,
-            tuple(h for h in range(1, MAX_HARMONIC + 1) if ripple_names(h)[0] in names), "load.coulomb" in names,
-        )  # fmt: skip
+    def at(self, numbers: Regression) -> MotionTerms:
+        """Those of a regression with these parts, which has found its own nonlinear numbers."""
+        ends = {name: numbers[name] for name in self.searched if name in numbers.names}
+        return replace(self.moved(ends), apart="directions.viscous" in numbers.names)
+
+    @property
+    def searched(self) -> dict[str, float]:
+        """Nonlinear numbers by name, which are searched for."""
+        stribeck = {"stribeck_velocity": self.stribeck_velocity} if self.stribeck_velocity else {}
+        return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
+
+    def moved(self, ends: Mapping[str, float]) -> MotionTerms:
+        """With other nonlinear numbers."""
+        velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
+        return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
 
 
 def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionTerms:
@@ -52,7 +80,103 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
     delayed = replace(terms, delay=True)
     if regressed(motions, signals, delayed).chance("delay", 0) < FALSE_ALARM:
         terms = delayed
-    return replace(terms, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+    return _curve(motions, signals, _by_angle(motions, signals, _heat(motions, signals, terms)))
+
+
+def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With dry friction over the angle, if a Legendre polynomial shows, and all change it enough to matter."""
+    ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
+    wider = replace(terms, angles=ends)
+    fit = regressed(motions, signals, wider)
+    chance = min(fit.chance(name, 0) for name in ANGLE)
+    change = np.ptp(legval(np.linspace(-1, 1, 101), [0.0, *(fit[name] for name in ANGLE)]))
+    matters = change > PASSES.min_change * abs(fit["coulomb"])
+    return wider if matters and chance * len(ANGLE) < FALSE_ALARM else terms
+
+
+def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With quadratic friction, a Stribeck effect or both, beginning with the one that explains more."""
+    bent, falling = replace(terms, quadratic=True), replace(terms, stribeck_velocity=0.0)
+    falling = replace(falling, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
+    of_bent = regressed(motions, signals, bent)
+    if of_bent.chance("quadratic", 0) < FALSE_ALARM:
+        if not falling.stribeck_velocity:
+            return replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
+        if of_bent.sum_of_squares < regressed(motions, signals, falling).sum_of_squares:
+            terms = replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
+        else:
+            both = replace(falling, quadratic=True)
+            shows = regressed(motions, signals, both).chance("quadratic", 0) < FALSE_ALARM
+            terms = both if shows else falling
+    else:
+        terms = falling
+    if not terms.stribeck_velocity:
+        return terms
+    fits = {a: regressed(motions, signals, replace(terms, exponent=a)) for a in EXPONENTS}
+    best = min(EXPONENTS, key=lambda a: fits[a].sum_of_squares)
+    held = fits[EXPONENTS[-1]]
+    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / _independent(signals, held))
+    return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
+
+
+def with_other_curves(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression
+) -> Regression:
+    """With the change to other curves over speed in the covariance, of those that are not excluded.
+
+    They are of other exponents of a Stribeck effect, of a power of 1.5 instead of quadratic friction, and of a Stribeck
+    effect that shows, but not beyond chance.
+    """
+    change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
+    others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
+    others += [replace(own_terms, power=1.5)] if terms.quadratic else []
+    if not terms.stribeck_velocity:
+        fastest = max(float(np.abs(each.velocity).max()) for each in signals)
+        velocity = _best_velocity(motions, signals, own_terms, _VELOCITIES * fastest)
+        unseen = regressed(motions, signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
+        shows = unseen.sum_of_squares * (1 + MAX_COST / _independent(signals, fit)) < fit.sum_of_squares
+        if unseen["stiction"] > unseen["coulomb"] and shows:
+            change = _change(fit, unseen)
+    limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
+    for curve in others:
+        other = regressed(motions, signals, curve)
+        own = _change(fit, other)
+        if other.sum_of_squares < limit and abs(own[place]) > abs(change[place]):
+            change = own
+    return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+
+def _change(fit: Regression, other: Regression) -> FloatArray:
+    """Of the numbers (n_x,) in the other regression; that of another power of the speed is another number."""
+    shared = [name in other.names and name != "quadratic" for name in fit.names]
+    return np.array([
+        other[name] - fit[name] if is_shared else 0.0 for name, is_shared in zip(fit.names, shared, strict=True)
+    ])  # fmt: skip
+
+
+def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
+    """Independent residuals that their correlation leaves."""
+    n = sum(int(each.used.sum()) for each in signals)
+    return n * (1 - fit.correlation) / (1 + fit.correlation)
+
+
+def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
+    """With the numbers of heat if one shows: without the other it would take that one's part."""
+    degc = [motion.temperature for motion in motions if motion.temperature is not None]
+    if len(degc) < len(motions):
+        return terms
+    every = np.concatenate(degc)
+    low, high = float(every.min()), float(every.max())
+    terms = replace(terms, reference=float(every.mean()), measured=(low, high))
+    if np.ptp(every) < TEMPERATURE_STEP_K:
+        return terms
+    alone = [regressed(motions, signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
+    if min(alone) * len(HEAT) > FALSE_ALARM:
+        return terms
+    # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
+    between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
+    terms = replace(terms, heat=HEAT, is_decay_free=bool(between > MIN_BETWEEN))
+    return terms.at(regressed(motions, signals, terms))
 
 
 def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
@@ -60,8 +184,7 @@ def _stribeck_velocity(motions: Sequence[Motion], signals: Sequence[MotionSignal
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(motions, signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(motions, signals, terms), regressed(motions, signals, best, steps=0)
-    n = sum(int(each.used.sum()) for each in signals)
-    n_independent = n * (1 - without.correlation) / (1 + without.correlation)
+    n_independent = _independent(signals, without)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
@@ -107,31 +230,32 @@ def regressed(
 ) -> Regression:
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
     fit = _solved(motions, signals, terms)
-    velocity = terms.stribeck_velocity
-    for _ in range(steps if velocity else 0):
-        fit = _solved(motions, signals, terms, fit["stiction"] - fit["coulomb"])
-        step = fit["stribeck_velocity"]
-        velocity = float(np.clip(velocity + step, velocity / 2, 2 * velocity))
-        values = np.where(np.array(fit.names) == "stribeck_velocity", velocity, fit.values)
-        fit, terms = replace(fit, values=values), replace(terms, stribeck_velocity=velocity)
-        if abs(step) < 1e-3 * velocity:
+    for _ in range(steps if terms.searched else 0):
+        fit = _solved(motions, signals, terms, fit)
+        start = terms.searched
+        ends = {name: float(np.clip(x + fit[name], x / 2, 2 * x)) for name, x in start.items()}
+        if "temperature.decay" in ends:
+            ends["temperature.decay"] = float(np.clip(ends["temperature.decay"], *DECAY_RANGE_K))
+        values = np.array([ends.get(name, fit[name]) for name in fit.names])
+        fit, terms = replace(fit, values=values), terms.moved(ends)
+        if all(abs(ends[name] - x) < 1e-3 * x for name, x in start.items()):
             break
     return fit
 
 
 def _solved(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
 ) -> Regression:
-    """excess: of stiction over Coulomb friction, where the Stribeck velocity is searched for."""
-    names, logs = equations_of(motions, signals, terms, excess)
+    """about: the last numbers, where nonlinear ones are searched for, whose steps are then among the numbers."""
+    names, logs = equations_of(motions, signals, terms, about)
     return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
 
 
 def equations_of(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, excess: float = 0.0
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
 ) -> tuple[tuple[str, ...], list[Equations]]:
     """The names of the numbers, and the equations of each log."""
-    columns = [columns_of(motion, each, terms, excess) for motion, each in zip(motions, signals, strict=True)]
+    columns = [columns_of(motion, each, terms, about) for motion, each in zip(motions, signals, strict=True)]
     logs = []
     for own, each in zip(columns, signals, strict=True):
         used = each.used[:, None]
@@ -142,11 +266,11 @@ def equations_of(
 
 
 def columns_of(
-    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
     velocity, acceleration, fourth = signals.derivatives
-    raw = full_rate_columns(motion, signals, terms, excess) | {"inertia": acceleration, "viscous": velocity}
+    raw = full_rate_columns(motion, signals, terms, about) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
     if terms.spring:
@@ -155,18 +279,26 @@ def columns_of(
 
 
 def full_rate_columns(
-    motion: Motion, signals: MotionSignals, terms: MotionTerms, excess: float = 0.0
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
-    """The columns (n,) by the names of their numbers; excess: of stiction over Coulomb friction, for its velocity's."""
+    """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q = signals.velocity, signals.direction, signals.position
     columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
     if nu := terms.stribeck_velocity:
-        fall = np.exp(-((v / nu) ** 2))
+        x = np.abs(v / nu) ** terms.exponent
+        fall = np.exp(-x)
         columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
-        if excess:
-            columns["stribeck_velocity"] = excess * s * fall * 2 * v**2 / nu**3
+        if about is not None:
+            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
     if terms.load:
         columns["load.coulomb"] = motion.load * s
+    if terms.quadratic:
+        columns["quadratic"] = v * np.abs(v) ** (terms.power - 1)
+    if terms.angles:
+        low, high = terms.angles
+        waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
+        columns |= {name: s * waves[:, k] for k, name in enumerate(ANGLE, start=1)}
+    columns |= _columns_of_heat(motion, signals, terms, about)
     ones = np.ones_like(v)
     columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
     if motion.turns_against_gravity:
@@ -176,4 +308,20 @@ def full_rate_columns(
         columns |= dict(zip(ripple_names(h), (np.cos(angle), np.sin(angle)), strict=True))
     if terms.delay:
         columns["delay"] = np.gradient(motion.torque) * signals.rate_hz
+    return columns
+
+
+def _columns_of_heat(
+    motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None
+) -> dict[str, FloatArray]:
+    """Of a log without temperature at T_0."""
+    v, T_V, columns = signals.velocity, terms.decay, dict[str, FloatArray]()
+    theta = np.zeros_like(v) if motion.temperature is None else motion.temperature - terms.reference
+    if "temperature.coulomb" in terms.heat:
+        columns["temperature.coulomb"] = theta * signals.direction
+    if "temperature.viscous" in terms.heat:
+        columns["temperature.viscous"] = v * np.expm1(-theta / T_V)
+        if terms.is_decay_free and about is not None:
+            of_decay = v * np.exp(-theta / T_V) * theta / T_V**2
+            columns["temperature.decay"] = about["temperature.viscous"] * of_decay
     return columns

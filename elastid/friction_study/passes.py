@@ -68,6 +68,7 @@ class PassRegression:
     """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
 
     waves (n, MAX_HARMONIC): exp(j h N q) of all harmonics that ripple may have; (n, 0) where no pass covers a turn.
+    step: samples of a row.
     """
 
     A: FloatArray
@@ -75,6 +76,7 @@ class PassRegression:
     of_pass: IntArray
     waves: ComplexArray
     shared: tuple[str, ...]
+    step: int
 
     @classmethod
     def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
@@ -104,8 +106,12 @@ class PassRegression:
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
         y, of_pass = np.concatenate(torques), np.concatenate(numbers)
-        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
+        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names), step)
         return regression._with_ripple() if has_ripple else regression
+
+    def without(self, torques: Sequence[FloatArray]) -> PassRegression:
+        """Without known parts (n,) of the torque of each pass."""
+        return replace(self, y=self.y - np.concatenate([_means(torque, self.step) for torque in torques]))
 
     def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
@@ -215,6 +221,12 @@ def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
     if velocity is None:
         velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
     return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
+
+
+def steady_velocity(own: Pass) -> FloatArray:
+    """Of a pass, (n,), with little of the encoder's noise."""
+    sos = butter(2, min(PLATEAUS.steady_hz, 0.45 * own.rate_hz), fs=own.rate_hz, output="sos")
+    return np.asarray(sosfiltfilt(sos, own.velocity, padlen=min(9, len(own.velocity) - 1)))
 
 
 def _inner(start: int, stop: int, rate_hz: float) -> slice:

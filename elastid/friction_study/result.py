@@ -176,10 +176,12 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
     """Numbers of the regression of a motion."""
     fit, terms = motion.chosen, TERMS | RIGID_TERMS
     learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-    for name, value in zip(fit.names, fit.values.tolist(), strict=True):
+    if motion.terms.heat:
+        learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
+    for name in motion.known:
         if name not in terms:  # ripple
             continue
-        std = fit.std(name)
+        value, std = fit[name], fit.std(name)
         yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
     yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
 
@@ -275,14 +277,15 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 
 def _at_temperature(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
-    """Numbers that change with temperature, at that of the levels: F_s + a dT, nu_s + b dT, f + f_T (e^-dT/T_V - 1)."""
+    """Numbers that change with temperature, at that of the levels: F_c, F_s, nu_s, f and what of it vanishes."""
     warm, known = law.temperature, static.levels.known_temperatures
     if warm is None or not len(known):
         return {}
     rise = float(np.mean(known)) - warm.reference
     fading = math.exp(-rise / warm.decay)
     at_mean = {"viscous": paths["viscous"] + warm.viscous * (fading - 1), "temperature.viscous": warm.viscous * fading}
-    for name, slope in (("stiction", warm.stiction), ("stribeck_velocity", warm.stribeck_velocity)):
+    slopes = {"coulomb": warm.coulomb, "stiction": warm.stiction + warm.coulomb}
+    for name, slope in (slopes | {"stribeck_velocity": warm.stribeck_velocity}).items():
         if name in paths:
             at_mean[name] = paths[name] + slope * rise
     return at_mean

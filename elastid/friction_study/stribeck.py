@@ -24,8 +24,8 @@ from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, mi
 from elastid.friction_study.levels import Levels
 from elastid.robot.friction import EXPONENT_RANGE
 
-# Decay of viscous friction over temperature from which a search starts.
-START_DECAY_K = 20.0
+# Decay of viscous friction over temperature from which a search starts, and the range of the search.
+START_DECAY_K, DECAY_RANGE_K = 20.0, (1.0, 500.0)
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class _Search:
     @property
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
         slow, fast = 0.05 * self.levels.speed.min(), 3.0 * self.levels.speed.max()
-        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": (1.0, 500.0)}
+        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
         ends = [ranges.get(name, (slow, fast)) for name in self.terms.searched]
         low, high = np.log(np.array(ends)).T
         return low, high

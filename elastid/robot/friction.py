@@ -126,9 +126,10 @@ class LoadDependence:
 
 @section
 class TemperatureDependence:
-    r"""Friction at temperature T: stiction and Stribeck velocity affine in T, viscous friction falling exponentially.
+    r"""Friction at temperature T: dry friction and Stribeck velocity affine in T, viscous friction exponential.
 
-    .. math:: F_s + a (T - T_0), \quad \nu_s + b (T - T_0), \quad f + f_T (e^{-(T - T_0) / T_V} - 1)
+    .. math:: F_c + c (T - T_0), \quad F_s + (a + c) (T - T_0), \quad \nu_s + b (T - T_0),
+              \quad f + f_T (e^{-(T - T_0) / T_V} - 1)
     """
 
     # fmt: off
@@ -142,6 +143,8 @@ class TemperatureDependence:
         "friction between 34 and 64 degC in one gear, a fifth in small robots.")] = 0.0
     decay: Annotated[TemperatureRise, Key("Temperature rise T_V over which that part falls.", "20 K was found for an "
         "industrial gear; only three temperatures over more than that can identify it.")] = 20.0
+    coulomb: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Change c of Coulomb friction F_c with "
+        "temperature, which stiction shares.", "negative where seals and preload ease with heat.")] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -56,6 +56,7 @@ TERMS: dict[str, FrictionTerm] = {
         FrictionTerm("load.coulomb", "Fcl", "F_cl", "Coulomb friction by load", "", 0),
         FrictionTerm("load.stiction", "Fsl", "F_sl", "stiction by load", "", 0),
         FrictionTerm("load.stribeck_velocity", "vl", "nu_l", "Stribeck velocity of the load", "rad/s", -1),
+        FrictionTerm("temperature.coulomb", "FcT", "F_cT", "Coulomb friction by heat", "N*m/K", 1),
         FrictionTerm("temperature.stiction", "FsT", "F_sT", "stiction by heat", "N*m/K", 1),
         FrictionTerm("temperature.stribeck_velocity", "vsT", "nu_T", "Stribeck velocity by heat", "rad/(s*K)", -1),
         FrictionTerm("temperature.viscous", "fT", "f_T", "viscous friction that vanishes with heat", "N*m*s/rad", 2),

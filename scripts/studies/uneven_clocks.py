@@ -13,6 +13,9 @@ sines for 64 s by a PD controller. Its torque (noise 0.5 N*m) and angle (an enco
 Of 100 draws of each the 95 % intervals must hold the inertia 93 times at least (5 % of the time a coverage of 96 % is
 below), friction 85 times: torque of reversals beyond half of a low rate is aliased, which no interval knows.
 The last line is one JSON object: shares covered, and the largest error of the inertia.
+
+--draws 60: of inertia, viscous and Coulomb friction 100, 90 and 92 % are covered with steps of 10 or 12 ms, 95, 93 and
+97 % with jitter, 98, 97 and 97 % with rounded stamps, 93, 92 and 97 % at 98 Hz; the inertia is within 0.06 %.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

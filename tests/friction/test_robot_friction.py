@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -53,19 +54,22 @@ def test_friction_of_a_robot_is_seen_from_the_link() -> None:
 
 
 def test_load_and_temperature_change_the_curve() -> None:
-    """Affine in |load|; stiction and Stribeck velocity affine, viscous friction exponential in temperature."""
+    """Affine in |load|; dry friction and Stribeck velocity affine, viscous friction exponential in temperature."""
     n = 100.0
-    warm = TemperatureDependence(25.0, stiction=0.01, stribeck_velocity=0.1, viscous=0.02, decay=20.0)
+    warm = TemperatureDependence(25.0, stiction=0.01, stribeck_velocity=0.1, viscous=0.02, decay=20.0, coulomb=0.002)
     spec = Friction(0.5, 0.8, 2.0, load=LoadDependence(0.01, 0.03), temperature=warm)
     robot = Robot("r", (Body("a", joints=(Joint("1", "z", motor=Motor(1e-3, n, 0.03, friction=spec)),), inertia=1.0),))
     (one,) = frictions(robot)
     np.testing.assert_allclose(one.curve(-300.0)[:2], [50 + 3, 80 + 9])
     np.testing.assert_allclose(
-        one.curve(0, 45.0)[:5], [50, 80 + 0.2 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
+        one.curve(0, 45.0)[:5], [54, 80 + 0.24 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
     )
     np.testing.assert_allclose(one.curve(0, 25.0, level=1.2)[[0, 1, 4]], [60, 96, 0])
-    with pytest.raises(ValueError, match=r"friction of motor 1 .* at -20 degC: stiction falls to 0.35 N"):
+    with pytest.raises(ValueError, match=r"friction of motor 1 .* at -20 degC: stiction falls to 0.26 N"):
         one.curve(0, -20.0)
+    thawed = replace(spec, temperature=replace(warm, stiction=0.0, coulomb=-0.03))
+    with pytest.raises(ValueError, match=r"at 45 degC: Coulomb friction falls to -0.1 N"):
+        placed(thawed).curve(0, 45.0)
 
 
 def placed(spec: Friction, ratio: float = 1.0) -> PlacedLaw:

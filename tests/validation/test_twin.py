@@ -80,13 +80,13 @@ def test_the_known_parts_of_a_joint_have_their_shares() -> None:
 
 @pytest.mark.skipif(not RECORD.is_file(), reason="the record of the prismatic axis is not here")
 def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:
-    """Inertia 50 %, viscous friction 23 %, dry friction 28 % of the mean square; above 2.5 Hz all is inertia."""
+    """Inertia 50 %, viscous friction 24 %, dry friction 27 % of the mean square; above 2.5 Hz all is inertia."""
     data = loadmat(RECORD)
     record = FrictionRecord("log", "1", "motion", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True)
     motion = regress_motion(Motion("joint 1", 1e3, record.position, record.torque, slides=True))
     (found,) = friction_balances([JointFriction("1", True, motion=motion)], FrictionRecords((record,)))
     assert dict(zip(found.parts, found.shares, strict=True)) == pytest.approx(
-        {INERTIA: 0.497, VISCOUS: 0.227, DRY: 0.278}, abs=0.003
+        {INERTIA: 0.497, VISCOUS: 0.237, DRY: 0.267}, abs=0.003
     )
     # The regression leaves out what is near a reversal.
     assert found.left > motion.chosen.relative_error**2
