@@ -39,6 +39,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
+from elastid.base.statistics import small_sample_factors
 from elastid.fit.line_sums import (
     LineSums,
     block_variance,
@@ -70,6 +71,20 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tupl
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
     return np.array([own / total for own in sums]), band
+
+
+def noise_dof(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
+    """Real degrees of freedom (n_x,) behind each variance by the measured noise, whose lines scatter independently.
+
+    By Satterthwaite's rule, the elements of a line taken as one: errors whitened, a line of p_k of the variance with
+    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu).
+    """
+    total, spread = np.zeros(len(A_inverse)), np.zeros(len(A_inverse))
+    for part in parts:
+        moved = (part.rows @ A_inverse) ** 2
+        power = moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1)
+        total, spread = total + power.sum(axis=0), spread + np.sum(power**2, axis=0) / part.noise_dof
+    return np.asarray(np.divide(2 * total**2, spread, out=np.full(len(total), np.inf), where=spread > 0))
 
 
 @frozen_value
@@ -128,15 +143,16 @@ def estimate_uncertainty(
     floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
-    covariance = _larger(noise, residuals, A_inverse) + floor
-    covariance[unreached] = covariance[:, unreached] = np.nan
-    covariance[unreached, unreached] = np.inf
-    known = np.diag(noise) + np.diag(floor)
-    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
     of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
     scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
     repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
+    widened = small_sample_factors(noise_dof(parts, A_inverse) / np.maximum(repeated, 1e-6) ** 2)
+    covariance = _larger(noise * np.outer(widened, widened), residuals, A_inverse) + floor
+    covariance[unreached] = covariance[:, unreached] = np.nan
+    covariance[unreached, unreached] = np.inf
+    known = np.diag(noise) + np.diag(floor)
+    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     share, band_hz = information_shares(parts, A_inverse)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
