@@ -60,7 +60,7 @@ def test_a_motor_is_an_inertia_on_a_spring_at_the_upper_lines_unless_a_resonance
     assert stiffness == pytest.approx((2 * np.pi * 11.3) ** 2, rel=0.2)
     assert from_hz.tolist() == [60.0]
     a, stiffness, from_hz = inertial_motion([above_the_resonance(24.0, 11.3, 45.0)], *nothing)
-    assert a == pytest.approx(1.2 / 24.0, rel=0.25)
+    assert a == pytest.approx(1.5 / 24.0, rel=0.1)  # of the highest lines
     assert stiffness.tolist() == from_hz.tolist() == [0.0]
 
 
