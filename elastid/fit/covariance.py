@@ -8,7 +8,8 @@ line k. Each variance is the largest of the first three estimates, plus the last
           \text{floor: } A^{-1} \Big[ \tfrac{s}{2} \mathrm{Re} \sum_o h_o h_o^H \Big] A^{-1}
 
 - noise: S_k is the measured covariance in whitened residuals, correlations between elements included. With
-  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao).
+  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao). Of few lines, each measured few times,
+  it is itself uncertain: widened to Student's quantile (`noise_dof`).
 - residuals: noise and model error. The pulls of one frequency, in all elements and configurations, are summed up before
   they are squared, since a wrong model errs in all of them together. tau >= 1 is the correlation length of the
   residuals over neighbouring lines.
@@ -16,7 +17,7 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
-- floor: the model error alpha |G| that the study declares. Such an error is the same on neighbouring lines and in all
+- floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on neighbouring lines and in all
   configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
   power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
 
