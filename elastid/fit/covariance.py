@@ -17,9 +17,10 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
-- floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on neighbouring lines and in all
-  configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
-  power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
+- floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on
+  neighbouring lines and in all configurations; it counts as one random factor for each element and octave, with pull
+  h_o. s <= 1 limits it to the power that V leaves room for: 0 for alpha = 0, small where the residuals are far below
+  the floor.
 
 The share of the variance of x_i that the weighted residuals of configuration c, or of one line, contribute is
 
