@@ -3,7 +3,7 @@
     python scripts/studies/outside_coverage.py [--quick] [--sets 20] [--coulomb 0 0.05 0.16 0.3] [--realisations 2 3 4]
                                        [--rigs ../shared/rigs] [--jobs 1]
 
-The rig is `two_axis_arm.py` beside this repository: a planar arm of two axes in closed loop, exact sticking, 1 Nm of
+The rig, `two_axis_arm` beside this repository, is a planar arm of two axes in closed loop, exact sticking, 1 Nm of
 torque that no log shows, 3e-6 rad of noise on the angles. Each data set has M realisations of two experiments of two
 periods in two postures. Friction is taken out (`auto`), and k, d and viscous friction are fitted three times: without
 a floor, with the default one, both with an exact robot file, and with the default tolerances of a measured study, which
