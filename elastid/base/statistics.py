@@ -28,6 +28,17 @@ def small_sample_factor(n: int) -> float:
     return float(stdtrit(n - 1, 0.975) / ndtri(0.975))
 
 
+def small_sample_factors(dof: FloatArray) -> FloatArray:
+    """The same (n,) for variances of `dof` (n,) degrees of freedom each, 1 where these are infinite.
+
+    >>> small_sample_factors(np.array([3.0, 24.0, np.inf])).round(3).tolist()
+    [1.624, 1.053, 1.0]
+    """
+    from scipy.special import stdtrit
+
+    return np.where(np.isinf(dof), 1.0, stdtrit(np.minimum(dof, 1e9), 0.975) / QUANTILE_95)
+
+
 def chi_square_limit(dof: float, tail: float) -> float:
     """The value that a chi-square variable of `dof` degrees of freedom exceeds with probability `tail`.
 

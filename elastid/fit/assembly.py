@@ -35,7 +35,7 @@ from elastid.fit.problem.least_squares import (
     moved_in_std,
 )
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
-from elastid.fit.problem.weights import Weights, weigh
+from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.equilibrium import equilibrium, spring_notes
@@ -89,6 +89,11 @@ class Assembly:
         if linearisation.is_affine_in(assembly._moved):
             return assembly
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
+
+    def with_floor(self, floor: float | None) -> Assembly:
+        """The same with the weights of a floor."""
+        spec = with_floor(self.spec, floor)
+        return replace(self, spec=spec, weights=tuple(weigh(response, spec) for response in self.responses))
 
     @property
     def _moved(self) -> set[str]:
@@ -191,6 +196,23 @@ class RelinearisedOptimum:
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
+    """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one."""
+    x, dof = optimum.end.x, optimum.fit.problem.dof
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors)
+
+    def exceeds(floor: float) -> bool:
+        return unbiased.with_floor(floor).at(x, assembly.spec.criterion).evaluate(x).cost > dof
+
+    low, high = USUAL_FLOOR / 100, USUAL_FLOOR
+    if exceeds(high):
+        return high
+    while high > 1.1 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if exceeds(middle) else (low, middle)
+    return high
 
 
 def relinearise(

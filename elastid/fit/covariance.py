@@ -8,7 +8,8 @@ line k. Each variance is the largest of the first three estimates, plus the last
           \text{floor: } A^{-1} \Big[ \tfrac{s}{2} \mathrm{Re} \sum_o h_o h_o^H \Big] A^{-1}
 
 - noise: S_k is the measured covariance in whitened residuals, correlations between elements included. With
-  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao).
+  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao). Of few lines, each measured few times,
+  it is itself uncertain: widened to Student's quantile (`noise_dof`).
 - residuals: noise and model error. The pulls of one frequency, in all elements and configurations, are summed up before
   they are squared, since a wrong model errs in all of them together. tau >= 1 is the correlation length of the
   residuals over neighbouring lines.
@@ -16,9 +17,10 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
-- floor: the model error alpha |G| that the study declares. Such an error is the same on neighbouring lines and in all
-  configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
-  power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
+- floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on
+  neighbouring lines and in all configurations; it counts as one random factor for each element and octave, with pull
+  h_o. s <= 1 limits it to the power that V leaves room for: 0 for alpha = 0, small where the residuals are far below
+  the floor.
 
 The share of the variance of x_i that the weighted residuals of configuration c, or of one line, contribute is
 
@@ -39,6 +41,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.execution import Execution
+from elastid.base.statistics import small_sample_factors
 from elastid.fit.line_sums import (
     LineSums,
     block_variance,
@@ -70,6 +73,20 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tupl
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
     return np.array([own / total for own in sums]), band
+
+
+def noise_dof(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
+    """Real degrees of freedom (n_x,) behind each variance by the measured noise, whose lines scatter independently.
+
+    By Satterthwaite's rule, the elements of a line taken as one: errors whitened, a line of p_k of the variance with
+    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu).
+    """
+    total, spread = np.zeros(len(A_inverse)), np.zeros(len(A_inverse))
+    for part in parts:
+        moved = (part.rows @ A_inverse) ** 2
+        power = moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1)
+        total, spread = total + power.sum(axis=0), spread + np.sum(power**2, axis=0) / part.noise_dof
+    return np.asarray(np.divide(2 * total**2, spread, out=np.full(len(total), np.inf), where=spread > 0))
 
 
 @frozen_value
@@ -128,15 +145,16 @@ def estimate_uncertainty(
     floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
-    covariance = _larger(noise, residuals, A_inverse) + floor
-    covariance[unreached] = covariance[:, unreached] = np.nan
-    covariance[unreached, unreached] = np.inf
-    known = np.diag(noise) + np.diag(floor)
-    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
     of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
     scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
     repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
+    widened = small_sample_factors(noise_dof(parts, A_inverse) / np.maximum(repeated, 1e-6) ** 2)
+    covariance = _larger(noise * np.outer(widened, widened), residuals, A_inverse) + floor
+    covariance[unreached] = covariance[:, unreached] = np.nan
+    covariance[unreached, unreached] = np.inf
+    known = np.diag(noise) + np.diag(floor)
+    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     share, band_hz = information_shares(parts, A_inverse)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])

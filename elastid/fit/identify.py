@@ -2,6 +2,9 @@ r"""identify: measured responses and a robot -> elastic parameters with their un
 
     choose -> weigh -> linearise -> search (log, then the criterion, from many starts) -> relinearise -> uncertainty
 
+Where the study gives no floor, the search has the usual one and the estimate none, unless residuals exceed the noise:
+then it has the one under which they do not.
+
 The operating point moves with the stiffnesses under gravity, so the model is linearised again at the result and solved
 again until nothing moves. Where springs are nonlinear the search itself linearises at every step.
 """
@@ -15,7 +18,13 @@ from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit import checks
-from elastid.fit.assembly import Assembly, RelinearisedOptimum, motion_notes, relinearise
+from elastid.fit.assembly import (
+    Assembly,
+    RelinearisedOptimum,
+    floor_of_residuals,
+    motion_notes,
+    relinearise,
+)
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
@@ -26,7 +35,7 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.problem.weights import check_factors
+from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, with_floor
 from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
@@ -61,7 +70,7 @@ def identify(
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters)
     try:
-        optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
+        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
             # A gross fault bends the numbers of the file, too, and is named less surely from there.
@@ -81,7 +90,7 @@ def fit_parameters(
 ) -> FitResult:
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
-    optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, Execution())
+    assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
     return judge(result, assembly, optimum, uncertainty, Execution()).result
 
 
@@ -99,7 +108,9 @@ def _search(
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
-    assembly = Assembly.of(responses, robot, spec, parameters, model)
+    # A search by noise alone would follow lines at resonances into false valleys.
+    searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
+    assembly = Assembly.of(responses, robot, searched, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
@@ -117,6 +128,25 @@ def _search(
     if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot)
     return assembly, fit, starts, hits
+
+
+def _with_found_floor(
+    assembly: Assembly,
+    spec: FitSpec,
+    first: ElasticFit,
+    starts: tuple[LocalOptimum, ...],
+    hits: int,
+    execution: Execution,
+) -> tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]:
+    """The estimate with the floor of the study, or where it gives none with that which the residuals show."""
+    if spec.weights.floor is not None:
+        return assembly, *_estimate(assembly, first, starts, hits, execution)
+    bare = assembly.with_floor(None)
+    found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
+    if found[0].end.converged and not found[2].exceeds_noise:
+        return bare, *found
+    floored = assembly.with_floor(floor_of_residuals(bare, found[0]))
+    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 
 def _estimate(
@@ -152,6 +182,7 @@ def _estimate(
         repeated=uncertainty.repeated,
         robot=assembly.linearisation.model.robot,
         equations=assembly.model,
+        floor=max(weights.floor for weights in assembly.weights),
     )
     return optimum, uncertainty, result
 

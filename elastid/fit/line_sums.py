@@ -46,7 +46,8 @@ class LineSums:
     rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
     blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
-    no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
+    no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
+    exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
     factor.
     """
@@ -58,6 +59,7 @@ class LineSums:
     blocks: Blocks
     noise_power: float
     noise_spread: float
+    noise_dof: float
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
 
@@ -87,13 +89,14 @@ def sum_lines(
     T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
     # A sum over lines whose errors are correlated has so many times the variance.
-    together, S, power, spread = response.correlated_lines, None, math.nan, math.nan
+    together, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
     noise = weights.noise_covariance()
     if noise is not None and weights.noise is not None:
         S = T @ noise @ hermitian(T)
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
         smooth = T @ weights.noise.covariance @ hermitian(T)
+        dof = weights.noise.measured.dof
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     rows, residual = as_real(J).reshape(len(J), -1).T, r.reshape(len(r), -1)
@@ -102,7 +105,7 @@ def sum_lines(
     blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual]))
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
-    return LineSums(response.freq_hz, rows, residual, pull, blocks, power, spread, floor_power, floor_pull)
+    return LineSums(response.freq_hz, rows, residual, pull, blocks, power, spread, dof, floor_power, floor_pull)
 
 
 def correlation_length(residuals: Sequence[ComplexArray]) -> float:

@@ -134,6 +134,7 @@ class FitResult:
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
+    floor: the model error relative to |G| in weights and covariance, the largest of the responses.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
@@ -164,6 +165,7 @@ class FitResult:
     )
     weakest: FloatArray = labelled("least known combination", "", "free_names", default_factory=_NO_NUMBERS)
     cost_dof: float = math.nan
+    floor: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
     rigid_parts: tuple[RigidPart, ...] = labelled(rows=True, default=())
     verdicts: tuple[str, ...] = ()

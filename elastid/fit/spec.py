@@ -67,9 +67,11 @@ class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors."""
 
     # fmt: off
-    floor: Annotated[float, Key("Expected model error relative to |G|, which the intervals then include.", "about 0.03 "
+    floor: Annotated[float | None, Key("Expected model error relative to |G|, which the intervals then include "
+        "(default: 0 where the residuals show no more than the measured noise, otherwise as much as they show, at most "
+        "0.01, which sensors and a good linear model commonly leave; 0.01 where no noise was measured).", "about 0.03 "
         "where friction is strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then "
-        "decide. 0.01 is the error that sensors and a good linear model commonly leave.")] = 0.01
+        "decide.")] = None
     smooth: Annotated[int, Key("Number of lines over which a variance from few periods or realisations is averaged; 0 "
         "chooses it from the degrees of freedom.", "fewer where the noise has narrow peaks; more where the weights of "
         "neighbouring lines scatter. 0 averages until 24 degrees of freedom lie behind each, which costs 2 % of "
@@ -89,7 +91,7 @@ class WeightSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.floor < 0 or self.smooth < 0:
+        if (self.floor or 0.0) < 0 or self.smooth < 0:
             raise ValueError("floor and smooth must not be negative")
 
 

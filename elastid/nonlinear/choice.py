@@ -15,7 +15,7 @@ about the levels of the chosen set. (Hoeting, Madigan, Raftery and Volinsky, Sta
 
 Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two of them, both together come
 out as friction that is 0.1 to 0.2 % too large in sliding; two that are near each other, and near the speed at which it
-turns (`refined`), leave a tenth of that.
+turns (`refined`, `narrowed`), leave a tenth of that.
 """
 
 from __future__ import annotations
@@ -46,6 +46,8 @@ class Limits:
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
     weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
+    # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
+    ladder: int = 11
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
     # Std of a motor's levels, all as one factor, by what no shape has: under laws of Stribeck and LuGre F_c is 1 to 3 %
     # off (scripts/studies/friction_words.py).
@@ -293,7 +295,9 @@ def _levels(A: FloatArray, b: FloatArray, shapes: list[int], every: IntArray) ->
 
 
 def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice:
-    """The choice with gradual signs instead of the chosen ones, near their mean speed; levels (n_f,) found so far.
+    """The choice with signs instead of the chosen gradual ones, from a little over their mean speed down.
+
+    levels (n_f,): found so far, along the motion of the samples, whose noise makes signs turn more gradually.
 
     Of a motor whose signs are refined, other signs that fitted nearly as well are left out. The covariance by the
     choice between shapes is that of the first choice where shapes are the same, 0 of new ones.
@@ -313,12 +317,30 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
 
 
 def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:
-    """Signs near the mean speed of those that were taken out; none where there are none, or far from each other."""
+    """Signs up to the mean speed of those that were taken out; none where there are none, or far from each other."""
     signs = [(shape.threshold, level) for shape, level in zip(shapes, levels, strict=True) if shape.kind == "sign"]
     speeds = np.array([speed for speed, level in signs if level > 0])
     weights = np.array([level for _, level in signs if level > 0])
     gradual = speeds[speeds > 0]
     if not gradual.size or gradual.max() > LIMITS.spread * gradual.min():
         return []
-    mean = float(weights @ speeds / weights.sum())
-    return [Shape(place, "sign", mean / LIMITS.near), Shape(place, "sign", mean * LIMITS.near)]
+    fastest = LIMITS.near * float(weights @ speeds / weights.sum())
+    slower = (fastest / LIMITS.near ** (2 * i) for i in range(LIMITS.ladder, -1, -1))
+    return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
+
+
+def narrowed(choice: Choice, levels: FloatArray) -> tuple[Choice, IntArray]:
+    """The choice with those two of a motor's refined signs next to their mean speed, and its shapes (n,) of before."""
+    kept = np.ones(len(choice.shapes), dtype=np.bool_)
+    for motor in np.unique(choice.motor_of):
+        signs = [i for i in choice.taken if choice.motor_of[i] == motor and choice.shapes[i].kind == "sign"]
+        if len(signs) > LIMITS.ladder:
+            speeds, own = np.array([choice.shapes[i].threshold for i in signs]), levels[signs]
+            mean = float(own @ speeds / max(float(own.sum()), 1e-300))
+            first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(signs) - 2))
+            kept[signs] = False
+            kept[signs[first : first + 2]] = True
+    places = np.flatnonzero(kept)
+    shapes, taken = tuple(choice.shapes[i] for i in places), np.flatnonzero(np.isin(places, choice.taken))
+    of_choice = choice.covariance[np.ix_(places, places)]
+    return Choice(shapes, choice.motor_of[places], choice.kept_share, taken, of_choice), places

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -13,10 +14,9 @@ from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, where the motion above half the rate is not known.
 CELLS = 8
-# A line counts as motion where its power is so many times that of the noise: lines between those of the period, where a
-# transient is; and all others where the velocity has more noise than this part of its RMS. With less noise lines of the
-# period are better kept, since friction moves the motor a little at all of them.
-_MIN_SNR, _NOISY = 8.0, 0.01
+# Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
+# moves the motor a little at all of them. All others are filtered, over so many neighbours.
+_NOISY, _NEIGHBOURS = 0.01, 9
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Motion:
 def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat.
 
-    Lines that do not repeat with the period hold noise, or a transient that is stronger; without the noise, periods are
-    averaged as far as they agree.  high (n cells // 2 + 1,): DFT of the angle above half the rate, 0 at lower lines, as
-    of n samples; its images are taken out of the record's own.
+    Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
+    line the share of its power that is not noise.  high (n cells // 2 + 1,): DFT of the angle as the torque has it, 0
+    at lower lines, as of n samples; of the record's own what it and its images do not explain is added.
     """
     n = whole_samples(record)
     order = MOTION_ORDER[record.quantities[record.outputs.index(place)]]
@@ -71,15 +71,27 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
     noise = float(np.median(band)) / np.log(2)
     of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
-    Y[~of_period & (power < _MIN_SNR * noise)] = 0
-    if _velocity_noise(Y, s, noise, n, order) > _NOISY * _rms(integrated(Y, s, order - 1), n):
-        Y[of_period & (power < _MIN_SNR * noise)] = 0
+    kept = np.ones(len(Y))
+    kept[~of_period] = _signal_share(power[~of_period], noise)
+    if _velocity_noise(kept, s, noise, n, order) > _NOISY * _rms(integrated(kept * Y, s, order - 1), n):
+        kept[of_period] = _signal_share(power[of_period], noise)
+    Y = kept * Y
     angle = np.zeros(len(fine_s), complex) if high is None else high.copy()
     velocity = np.zeros(len(fine_s), complex) if high is None else fine_s * high
     angle[: len(s)] += integrated(Y, s, order)
     velocity[: len(s)] += integrated(Y, s, order - 1)
     fine = _fine(velocity, n * cells, cells) + gain * record.rate_hz / n
-    return Motion(fine, angle, start, gain, _velocity_noise(Y, s, noise, n, order), cells)
+    return Motion(fine, angle, start, gain, _velocity_noise(kept, s, noise, n, order), cells)
+
+
+def _signal_share(power: FloatArray, noise: float) -> FloatArray:
+    """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
+    if not len(power):
+        return power
+    window = np.ones(min(_NEIGHBOURS, len(power)))
+    near = np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same")
+    # Noise alone has a mean of twice its power at four lines in a thousand.
+    return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
 
 
 def whole_samples(record: Record) -> int:
@@ -110,9 +122,12 @@ def _gain(y: FloatArray, N: int) -> float:
     return gain if abs(gain) > 2 * np.max(np.abs(np.diff(y, 2))) else 0.0
 
 
-def _velocity_noise(Y: ComplexArray, s: ComplexArray, noise: float, n: int, order: int) -> float:
-    """Standard deviation of the velocity's noise, of power `noise` at each line that is kept."""
-    return float(np.sqrt(noise)) * _rms(integrated((Y != 0).astype(np.complex128), s, order - 1), n)
+def _velocity_noise(kept: FloatArray, s: ComplexArray, noise: float, n: int, order: int) -> float:
+    """Standard deviation of the velocity's error by noise of power `noise` at each line, of which a share is kept (F,).
+
+    That of a line after Wiener's filter is noise times gain.
+    """
+    return math.sqrt(noise) * _rms(integrated(np.sqrt(kept).astype(np.complex128), s, order - 1), n)
 
 
 def _rms(X: ComplexArray, n: int) -> float:

@@ -24,7 +24,9 @@ class FrictionTakenOut:
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
-    accelerance (n_m,): acceleration per torque at the highest lines, 1 / (kg m^2) (1 / kg), 0 where it is not known.
+    accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    stiffness (n_m,): k / J in 1 / s^2 of the spring behind it, whose other end rests; from_hz (n_m,): the frequency
+    from which it moves as these two, 0 where that is known above half the rate alone.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -37,14 +39,17 @@ class FrictionTakenOut:
     before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
-    accelerance: FloatArray = labelled("acceleration per torque at the highest lines", "", "places")
+    accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
+    stiffness: FloatArray = labelled("spring behind the motor over its inertia", "1/s^2", "places")
+    from_hz: FloatArray = labelled("from where on the motor moves so, 0: half the rate", "Hz", "places")
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
         expected = {"levels": (n_f,), "covariance": (n_f, n_f), "before": (C, n_m), "after": (C, n_m)}
-        for name, shape in (expected | dict.fromkeys(("kept_share", "accelerance"), (n_m,))).items():
+        of_motors = ("kept_share", "accelerance", "stiffness", "from_hz")
+        for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
 

@@ -107,7 +107,7 @@ def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str
         cause = excess_sentence(result) or "No number that was held explains a tenth of the excess."
         return f"The residuals exceed the noise {number(result.model_error, 2)}-fold. {cause}"
     if needs_floor(agreements):
-        return "Nowhere beyond the floor that the fit declares; the noise alone does not explain the residuals."
+        return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
     return "Nowhere: no residual beyond what the noise explains."
 
 
@@ -118,7 +118,7 @@ def _of_status(result: FitResult, agreements: Sequence[Agreement]) -> str:
         return "the noise is unknown, so that nothing says whether the model describes the data"
     if result.exceeds_noise:
         return f"residuals {number(result.model_error, 2)} times the noise, which the intervals include"
-    return f"the model describes the data{' to its declared floor' if needs_floor(agreements) else ''}"
+    return f"the model describes the data{' within its floor' if needs_floor(agreements) else ''}"
 
 
 def _of_widths(rows: Sequence[ParameterRow]) -> str:

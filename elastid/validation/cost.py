@@ -119,9 +119,9 @@ def explain_cost(
         )
     excess = Excess.of(measured, modelled, spec)
     times = math.sqrt(max(ratio, power_ratio(fitted)[0]))
-    if not cost_p(result) < FALSE_ALARM and spec.weights.floor > 0:
+    if not cost_p(result) < FALSE_ALARM and result.floor > 0:
         opening = (
-            f"{opening}, with a floor of {100 * spec.weights.floor:.3g} % of each element in addition to it, and show "
+            f"{opening}, with a floor of {100 * result.floor:.3g} % of each element in addition to it, and show "
             f"no more. Without the floor, which the intervals hold, they are {times:.3g} times the noise"
         )
     elif times > 1.01 * result.residual_ratio:

@@ -25,7 +25,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
@@ -67,7 +67,8 @@ def fitted(
         responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
     start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
     parameters = {name: ParameterSpec() for name in free}
-    return identify(responses, start, FitSpec(parameters=parameters, starts=1), model=spec)
+    weights = WeightSpec(floor=0.01)  # of noise alone a single posture would know more
+    return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=spec)
 
 
 def relative(result: FitResult, name: str) -> float:

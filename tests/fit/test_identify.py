@@ -54,6 +54,22 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     assert identified.model_error < 1.05
 
 
+def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, identified):
+    """None for noise alone, 0.4 % for errors of that size, and at most 1 %."""
+    assert identified.floor == 0
+    rng, exact = np.random.default_rng(3), measure(arm())
+    spec = FitSpec(starts=1, profile=(), parameters={"k_1": ParameterSpec(), "k_2": ParameterSpec()})
+
+    def floor_of_error(error: float) -> float:
+        wrong = (1 + error * rng.standard_normal(each.G.shape) for each in exact)
+        known = [Covariance((1e-3 * np.abs(each.G)) ** 2 + 1e-30, np.inf) for each in exact]
+        data = [replace(G, G=G.G * w, noise=C) for G, w, C in zip(exact, wrong, known, strict=True)]
+        return identify(data, arm(), spec).floor
+
+    assert 0.003 < floor_of_error(0.004) < 0.005
+    assert floor_of_error(0.05) == 0.01
+
+
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified):
     """Two processes give the starts, estimate and intervals of one."""

@@ -78,7 +78,7 @@ def test_few_blocks_and_unknown_noise_say_nothing() -> None:
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
-    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), np.nan, np.nan, 0.0, {})
+    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), np.nan, np.nan, np.inf, 0.0, {})
 
 
 def left_out(blocks, y):

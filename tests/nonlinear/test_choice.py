@@ -3,13 +3,14 @@
 Signs turn over the speed that friction has, not over one of those that are tried.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elastid.nonlinear.choice import Choice, choose_shapes, neighbours_of, refined
-from elastid.nonlinear.levels import NormalEquations
+from elastid.nonlinear.choice import Choice, choose_shapes, narrowed, neighbours_of, refined
+from elastid.nonlinear.levels import NormalEquations, solve
 from elastid.nonlinear.shapes import Shape
 
 CHOSEN, EVERY, NONE = np.array([0]), np.arange(3), np.arange(0)
@@ -100,14 +101,28 @@ def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
     truth = 90 * np.tanh(v / 1e-3)
 
-    def fitted(shapes: list[Shape]) -> np.ndarray:
-        return np.linalg.lstsq(np.stack([shape.sliding(v) for shape in shapes], axis=1), truth)[0]
+    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
+        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
+        return solve(X.T @ X, X.T @ truth)
 
     tried = [Shape("motor 1", "sign", 0.93e-3), Shape("motor 1", "sign", 1.87e-3)]
     levels = fitted(tried)
-    near = refined(choice_of(tried, [0, 1]), levels, PLACES)
+    ladder = refined(choice_of(tried, [0, 1]), levels, PLACES)
+    near, kept = narrowed(ladder, fitted(ladder.shapes))
     assert near.taken.tolist() == [0, 1]
-    assert abs(levels.sum() - 90) > 4 * abs(fitted(list(near.shapes)).sum() - 90)
+    assert near.shapes == tuple(ladder.shapes[i] for i in kept)
+    assert near.shapes[0].threshold < 1e-3 < near.shapes[1].threshold < 1.22 * near.shapes[0].threshold
+    assert abs(levels.sum() - 90) > 4 * abs(fitted(near.shapes).sum() - 90)
+
+
+def test_a_turn_that_noise_had_blurred_is_found_below_the_signs_that_were_tried() -> None:
+    """tanh(v / 3e-4) behind a sign that turns over 1e-3; one of an ideal sign at the slowest two."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    ladder = refined(choice_of([Shape("motor 1", "sign", 1e-3)], [0]), np.ones(1), PLACES)
+    X = np.stack([shape.sliding(v) for shape in ladder.shapes], axis=1)
+    for speed, slow, fast in ((3e-4, 2.4e-4, 3.7e-4), (1e-6, 0.0, 1.4e-4)):
+        near, _ = narrowed(ladder, solve(X.T @ X, X.T @ np.tanh(v / speed)))
+        assert slow <= near.shapes[0].threshold < near.shapes[1].threshold <= fast
 
 
 def test_bristles_and_other_motors_stay_as_they_are() -> None:
@@ -118,7 +133,10 @@ def test_bristles_and_other_motors_stay_as_they_are() -> None:
         Shape("motor 1", "bristle", 3e-4),
         Shape("motor 2", "sign", 0.0),
     ]
-    found = refined(choice_of(shapes, [0, 2, 3]), np.array([5.0, 0.0, 1.0, 2.0]), PLACES)
+    ladder = refined(choice_of(shapes, [0, 2, 3]), np.array([5.0, 0.0, 1.0, 2.0]), PLACES)
+    at_the_top = np.where([shape.kind == "sign" for shape in ladder.shapes], 0.0, 1.0)
+    at_the_top[11:13] = 1.0
+    found, _ = narrowed(ladder, at_the_top)
     assert [shape.kind for shape in found.shapes] == ["sign", "sign", "bristle", "sign"]
     assert found.shapes[2:] == (shapes[2], shapes[3])
     assert found.taken.tolist() == [0, 1, 2, 3]

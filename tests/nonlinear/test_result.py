@@ -19,6 +19,8 @@ FRICTION = FrictionTakenOut(
     after=np.ones((1, 2)),
     kept_share=np.ones(2),
     accelerance=np.zeros(2),
+    stiffness=np.zeros(2),
+    from_hz=np.zeros(2),
 )
 
 

@@ -25,6 +25,8 @@ def taken_friction(bristle: bool = True) -> FrictionTakenOut:
         after=np.array([[0.11, 0.62], [0.13, 0.64]]),
         kept_share=np.array([0.0321, 0.98]),
         accelerance=np.array([0.2, 0.3]),
+        stiffness=np.array([900.0, 400.0]),
+        from_hz=np.array([40.0, 0.0]),
         notes=(
             Note("friction-taken-out", "friction was taken out", "motor 1", "information"),
             Note("friction-left", LEFT, "motor 2", "information"),

@@ -89,7 +89,7 @@ def test_answers_do_not_contradict_the_status():
     ]
     within = [replace(one, power_ratio=1.0) for one in beyond]
     assert "beyond the floor" in residual_sentence(held, beyond)
-    assert "to its declared floor" in verdict_sentence(held, rows, beyond)
+    assert "within its floor" in verdict_sentence(held, rows, beyond)
     assert residual_sentence(held, within) == "Nowhere: no residual beyond what the noise explains."
     assert verdict_sentence(held, rows, within).startswith("the model describes the data; ")
 

@@ -52,6 +52,19 @@ class Whitening:
         return Whitening(self.noise.lines(mask), self.floor[keep], self.sigma[keep], self.phase[keep])
 
 
+# The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
+# most that the residuals may then show.
+USUAL_FLOOR = 0.01
+
+
+def floor_of(response: FrequencyResponse, spec: WeightSpec) -> float:
+    """The floor that the study gives; without one 0 where all elements have noise, else the usual one."""
+    if spec.floor is not None:
+        return spec.floor
+    known = response.uncertainty
+    return USUAL_FLOOR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
+
+
 def weighs_correlations(
     response: FrequencyResponse, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec
 ) -> bool:
@@ -69,7 +82,7 @@ def weighs_correlations(
             f"{where}: fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
             "its noise; take auto or diagonal, or measure more periods or realisations"
         )
-    flaw = _flaw(response, smooth.covariance, sigma) if spec.floor == 0 else ""
+    flaw = _flaw(response, smooth.covariance, sigma) if floor_of(response, spec) == 0 else ""
     if flaw and asked:
         raise DataError(f"{where}: {flaw}; take fit.weights.covariance: diagonal, or a floor above zero")
     return not flaw
@@ -136,7 +149,7 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     asked for that is not there or singular.
     """
     where = response.configuration.name
-    floor = spec.weights.floor
+    floor = floor_of(response, spec.weights)
     if response.uncertainty is None and floor == 0:
         raise DataError(
             f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
@@ -162,6 +175,11 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
     notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
     return Weights(sigma, noise, scale, floor, notes, factor, correlated)
+
+
+def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
+    """The same with a floor."""
+    return replace(spec, weights=replace(spec.weights, floor=floor))
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:

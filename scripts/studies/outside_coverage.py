@@ -1,0 +1,199 @@
+"""Do intervals hold the truth on a rig that shares no equation with ours, with noisy angles and exact sticking?
+
+    python scripts/studies/outside_coverage.py [--quick] [--sets 20] [--coulomb 0 0.05 0.16 0.3] [--realisations 2 3 4]
+                                       [--rigs ../shared/rigs] [--jobs 1]
+
+The rig, `two_axis_arm` beside this repository, is a planar arm of two axes in closed loop, exact sticking, 1 Nm of
+torque that no log shows, 3e-6 rad of noise on the angles. Each data set has M realisations of two experiments of two
+periods in two postures. Friction is taken out (`auto`), and k, d and viscous friction are fitted three times: without
+a floor, with the default one, both with an exact robot file, and with the default tolerances of a measured study, which
+hold more than the file's errors here, since the file is right. For each case: the share of 95 % intervals of k and d
+that hold the truth, and over the stated deviations (k_1 k_2 d_1 d_2) the bias and the scatter; V over its expectation;
+misfits. Over the sets of a case 93 to 97 % of the intervals must hold with an exact file, 93 % or more with tolerances,
+three standard deviations of chance allowed, and at most 1 % of the fits be misfits, one in few sets. Without the rig
+it says so and ends. The last line is one JSON object.
+
+With `--coulomb 0.16 0.3 --realisations 3`, 20 sets each: without and with the default floor, which none of them needs,
+95.0 +- 2.9 and 96.2 +- 2.7 % of the intervals hold; bias at most 0.11 and 0.62 of the stated deviations, V 0.98 and
+1.00, all converged, stiffnesses stated to 0.02 to 0.1 %. The other cases are still to be counted at this size.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+import tempfile
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
+
+import argparse
+import importlib
+import json
+import sys
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.execution import ordered
+from elastid.fit.identify import identify
+from elastid.fit.problem.weights import with_floor
+from elastid.fit.result import FitResult
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.record import Configuration, Motion, Record
+from elastid.study import Study, load
+
+RIGS = Path(__file__).resolve().parents[2].parent / "shared" / "rigs"
+# Coulomb friction of the motors in Nm, by its share of the rms torque.
+COULOMB = {0.0: (0.0, 0.0), 0.05: (3.0, 1.5), 0.16: (9.6, 4.8), 0.3: (18.0, 9.0)}
+NAMES = ("k_1", "k_2", "d_1", "d_2")
+# Of the fits: floor of the study, and whether the robot's file is said to be exact.
+FITS: dict[str, tuple[float | None, bool]] = {"floor 0": (0.0, True), "default": (None, True), "file": (None, False)}
+COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
+
+
+# By fit: error of ln p, its stated deviation and whether the interval holds it, by name; V over expected; the status.
+Found: TypeAlias = dict[str, tuple[list[list[float]], float, str]]
+
+
+@lru_cache(maxsize=1)
+def study_of(rigs: Path) -> Study:
+    """The study that the rig writes for its logs."""
+    rig = rig_of(rigs)
+    with tempfile.TemporaryDirectory() as folder:
+        rig.write(rig.dataset(seed=0, M=2), folder)
+        return load(Path(folder) / "study.yml").study
+
+
+@lru_cache(maxsize=1)
+def rig_of(rigs: Path) -> Any:
+    """The rig's module, used where it lies."""
+    sys.dont_write_bytecode = True
+    sys.path.insert(0, str(rigs))
+    return importlib.import_module("two_axis_arm")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Data sets with Coulomb friction over the rms torque, of M realisations."""
+
+    coulomb: float
+    realisations: int
+    rigs: Path
+
+    def __call__(self, number: int) -> Found:
+        """The fits of one data set."""
+        groups, lines = self._records(number)
+        spec = EstimatorSpec(friction="auto", transient_periods=0)
+        taken = find_friction(groups, spec, lines)
+        responses = [estimate_without_friction(group, taken, spec, lines) for group in groups]
+        study = study_of(self.rigs)
+        found: Found = {}
+        for name, (floor, is_exact) in FITS.items():
+            robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
+            result = identify(responses, robot, with_floor(replace(study.seeded_fit, starts=1), floor))
+            found[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
+        return found
+
+    def _records(self, number: int) -> tuple[list[list[Record]], Any]:
+        """The records of each posture without their first period, and the excited lines."""
+        rig, (first, second) = rig_of(self.rigs), COULOMB[self.coulomb]
+        logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second)
+        N, groups, ratios = rig.NP, dict[str, list[Record]](), np.array([rig.BASE["n1"], rig.BASE["n2"]])
+        motors = ("motor 1", "motor 2")
+        quantities: tuple[Motion, ...] = ("position", "position")
+        for (posture, m, e), log in logs.items():
+            u, q, r = log["u"][N:], log["q"][N:] / ratios, log["ref"][N:]
+            configuration = Configuration(posture, rig.CONF[posture])
+            record = Record(f"{posture}-{m}-{e}", configuration, m, e, rig.FS, N, motors, motors, quantities, u, q, r,
+                            hold="zero-order")  # fmt: skip
+            groups.setdefault(posture, []).append(record)
+        return list(groups.values()), np.asarray(rig.LINES, dtype=np.int64)
+
+    def _against_truth(self, result: FitResult) -> list[list[float]]:
+        true, std = rig_of(self.rigs).TRUE, dict(zip(result.parameters.free_names, _std(result), strict=True))
+        ends = {name: result.interval(name) for name in NAMES}
+        return [
+            [np.log(result.values[name] / true[name]), std[name], float(ends[name][0] <= true[name] <= ends[name][1])]
+            for name in NAMES
+        ]
+
+
+def _std(result: FitResult) -> list[float]:
+    return [float(value) for value in np.sqrt(np.diag(result.covariance))]
+
+
+def figures(case: Case, found: list[Found], fit: str) -> dict[str, Any]:
+    """The figures of one fit over the data sets of a case."""
+    errors: FloatArray = np.array([each[fit][0] for each in found])
+    z, stated, within = errors[:, :, 0], np.sqrt(np.mean(errors[:, :, 1] ** 2, axis=0)), errors[:, :, 2]
+    # Data sets are independent, parameters of one are not; few sets may all have the same share.
+    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(found))
+    return {
+        "coulomb": case.coulomb,
+        "realisations": case.realisations,
+        "fit": fit,
+        "sets": len(found),
+        "coverage": float(within.mean()),
+        "chance": float(chance),
+        "bias_over_stated": (z.mean(axis=0) / stated).round(2).tolist(),
+        "scatter_over_stated": (np.std(z, axis=0, ddof=1) / stated).round(2).tolist(),
+        "stated_percent": (100 * stated).round(3).tolist(),
+        "cost_over_expected": float(np.mean([each[fit][1] for each in found])),
+        "statuses": dict(Counter(each[fit][2] for each in found)),
+    }
+
+
+def checked(row: dict[str, Any]) -> None:
+    """Assert the goals of a row."""
+    low, high = COVERED[0] - CHANCE * row["chance"], COVERED[1] + CHANCE * row["chance"]
+    assert row["coverage"] >= low, row
+    assert row["fit"] == "file" or row["coverage"] <= high, row
+    expected = MISFITS * row["sets"]
+    assert row["statuses"].get("misfit", 0) <= expected + CHANCE * np.sqrt(expected), row
+
+
+def line(row: dict[str, Any]) -> str:
+    """One line of the table."""
+    of = {key: " ".join(map(str, row[key])) for key in ("bias_over_stated", "scatter_over_stated", "stated_percent")}
+    return (
+        f"{row['coulomb']:<5g} M {row['realisations']} {row['fit']:<8} {row['sets']:>3} sets: covered "
+        f"{100 * row['coverage']:.1f} +- {100 * row['chance']:.1f} %; bias {of['bias_over_stated']}; scatter "
+        f"{of['scatter_over_stated']}; stated {of['stated_percent']} %; V {row['cost_over_expected']:.3f}; "
+        f"{row['statuses']}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="few data sets of one case, to see that it runs")
+    parser.add_argument("--sets", type=int, default=20)
+    parser.add_argument("--coulomb", type=float, nargs="*", default=list(COULOMB), choices=list(COULOMB))
+    parser.add_argument("--realisations", type=int, nargs="*", default=[2, 3, 4])
+    parser.add_argument("--rigs", type=Path, default=RIGS)
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    if not (given.rigs / "two_axis_arm.py").is_file():
+        print(json.dumps({"skipped": "the rig two_axis_arm.py is in ../shared/rigs, which is not here"}))
+        return
+    sets, levels, counts = (2, [0.3], [2]) if given.quick else (given.sets, given.coulomb, given.realisations)
+    rows = []
+    for case in (Case(level, M, given.rigs.resolve()) for level in levels for M in counts):
+        found = ordered(case, list(range(sets)), given.jobs)
+        for fit in FITS:
+            rows.append(figures(case, found, fit))
+            print(line(rows[-1]), flush=True)
+    for row in rows:
+        checked(row)
+    print(json.dumps({"outside_coverage": rows}))
+
+
+if __name__ == "__main__":
+    main()
