@@ -172,7 +172,7 @@ def case(module: str, *texts: str, slow: bool = False) -> Callable[[Case], Case]
 
 def rendered(text: str, said: str) -> str:
     """An advice as a message has it, its gaps filled in; AssertionError where the message has it not."""
-    pattern = ".+?".join(re.escape(part) for part in text.split(GAP))
+    pattern = ".*?".join(re.escape(part) for part in text.split(GAP))
     found = re.search(pattern + (r"(?=$|[\s,;:)`])" if text.endswith(GAP) else ""), said)
     assert found is not None, (text, said)
     return found[0]

@@ -133,6 +133,14 @@ def held_torque(desk: Desk) -> None:
     assert any(key.path == "experiment.responses.rate_hz" for key in keys()["rate_hz"])
 
 
+@case("fit/diagnosis/hypotheses.py", "estimator.friction: auto")
+def friction_left_in_the_responses(desk: Desk) -> None:
+    (advice,) = (each.advice for each in HYPOTHESES if each.name == "friction by posture")
+    own = pasted(rendered("estimator.friction: auto", advice))
+    loaded = load(Path(desk.write(study=STUDY, robot=ROBOT)), ["estimator.friction=none", own])
+    assert loaded.study.estimator.friction == "auto"
+
+
 @case("fit/diagnosis/hypotheses.py", "elastid compare --search judge it")
 @case("fit/diagnosis/hypothesis.py", "elastid compare --search find which the data show")
 @case("report/overview.py", "elastid compare STUDY --search")

@@ -114,10 +114,10 @@ def rate_beyond_the_stamps(desk: Desk) -> None:
     assert "promises" not in said_of(desk, **keys, rate_hz=float(value_of(text)))
 
 
-@case("recorded/files/text.py", "text: {delimiter: '‹›', decimal: '‹›'}")
+@case("recorded/files/text.py", "text: {delimiter: '‹›', decimal: '‹›'‹›}")
 def another_delimiter(desk: Desk) -> None:
     save_csv(desk.folder / "log.csv", lab_log(desk), delimiter=";", comma=True)
-    text = rendered("text: {delimiter: '‹›', decimal: '‹›'}", said_of(desk))
+    text = rendered("text: {delimiter: '‹›', decimal: '‹›'‹›}", said_of(desk))
     assert said_of(desk, text=TextFormatSpec(**value_of(text))) == ""
 
 

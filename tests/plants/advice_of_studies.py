@@ -23,11 +23,13 @@ from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.recorded.files.formats import naming
 from elastid.report.overview import COMMANDS
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.store.files import write_checksum
 from elastid.store.friction_study import read_friction_plan
 from elastid.store.results import read_fit
 from elastid.study import load
+from elastid.use.postures import grid_postures, random_postures
 from plants.advice import PACKAGE, Case, Desk, case, pasted, refusal, rendered
 from plants.friction_logs import SPEEDS, sliding_torque, trapezoids, write_log, write_study
 from plants.two_axes import ROBOT, STUDY
@@ -211,6 +213,49 @@ def options(desk: Desk) -> None:
         given = parsed(command, "study.yml", "--run", "other", "--jobs", "1")
         assert (given["folder"], given["jobs"]) == (Path("other"), 1)
         assert "dask" in given
+
+
+@case("app/map.py", "--grid and --random exclude one another")
+@case("app/cli.py", "--normal", "--to draws.")
+@case("fit/result.py", "elastid fit STUDY")
+def options_of_maps_draws_and_fits(desk: Desk) -> None:
+    """One of them is taken where all three are refused; the others are those of their commands."""
+    study = desk.write(study=TINY_STUDY, robot=TINY_ROBOT)
+    both = ["--random", "3", "--grid", "4"]
+    assert "--grid and --random exclude one another" in desk.elastid("map", study, "--run", str(desk.folder), *both)
+    assert parsed("map", study, *both[:2], "--normal", "0", "0", "1")["random"] == 3
+    assert parsed("export", study, "--to", "draws", "--count", "10")["count"] == 10
+    assert parsed("fit", study)["study"] == Path(study)
+
+
+@case("use/postures.py", "--frame", "--random")
+def frames_that_have_no_grid(desk: Desk) -> None:
+    """One on the axis moves nowhere, one beyond it on a circle: another frame, or random postures, are mapped."""
+    robot = Robot("axis", (Body("arm", joints=(Joint("1", "z", None, Motor(1e-3, 100.0)),), inertia=1.0),), frames=(
+        Frame("hub", "arm"), Frame("tip", "arm", Placement((0.5, 0.0, 0.0)))))  # fmt: skip
+    assert "another with --frame" in refusal(lambda: grid_postures(robot, "hub"))
+    on_a_circle = refusal(lambda: grid_postures(robot, "tip"))
+    assert on_a_circle == "" or "take --random" in on_a_circle
+    assert random_postures(robot, 5).shape == (5, 1)
+    assert {"frame", "random"} <= {*parsed("map", "study.yml", "--frame", "tip", "--random", "5")}
+
+
+@case("study/checks/recorded.py", "at: ‹›")
+def disturbance_at_a_rigid_joint(desk: Desk) -> None:
+    log = np.random.default_rng(0).standard_normal((300, 3))
+    np.savetxt(desk.folder / "log.csv", log, header="u,q,d", comments="", delimiter=",")
+    text = (
+        "name: pushed\nrobot: robot.yml\nfriction: {passes: detect}\nexperiment:\n  recorded:\n    rate_hz: 100\n"
+        "    channels:\n      - {role: u, at: motor 1, channel: u}\n"
+        "      - {role: y, at: motor 1, channel: q, quantity: position}\n"
+        "      - {role: d, at: joint 1, channel: d}\n    files:\n      - {path: log.csv}\n"
+    )
+    arm = "{name: arm, joints: [{name: 1, axis: z, motor: {inertia: 1e-3, ratio: 50}}], inertia: 1}"
+    study = Path(desk.write(study=text, robot=f"name: one\nbodies: [{arm}]"))
+    advice = rendered("at: ‹›", refusal(lambda: load(study)).partition("give ")[2]).rstrip(",")
+    study.write_text(text.replace("at: joint 1, channel: d", f"{advice}, channel: d"), encoding="utf-8")
+    said = refusal(lambda: load(study))
+    assert said == "", said
 
 
 @case("base/display.py", "--extra notebook")
