@@ -135,7 +135,7 @@ def held_torque(desk: Desk) -> None:
 
 @case("fit/diagnosis/hypotheses.py", "estimator.friction: auto")
 def friction_left_in_the_responses(desk: Desk) -> None:
-    (advice,) = (each.advice for each in HYPOTHESES if each.name == "friction by posture")
+    (advice,) = (each.advice for each in HYPOTHESES if each.family == "friction by posture")
     own = pasted(rendered("estimator.friction: auto", advice))
     loaded = load(Path(desk.write(study=STUDY, robot=ROBOT)), ["estimator.friction=none", own])
     assert loaded.study.estimator.friction == "auto"
