@@ -37,7 +37,7 @@ _URGES = re.compile(r"\b(give|take|set|state|say|with|to be)( that| the| one| of
 
 @dataclass(frozen=True, order=True)
 class Advice:
-    """text: as it stands in the source, with gaps.  module: its file, such as `fit/checks.py`.  message: all of it."""
+    """text: as it stands in the source, with gaps.  module: its file in the package.  message: all of it."""
 
     module: str
     text: str
