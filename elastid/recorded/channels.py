@@ -21,7 +21,7 @@ from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, delay
+from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, clock_drift, delay
 from elastid.recorded.repair.missing import bridged_gaps, filled
 from elastid.recorded.repair.time_stamps import on_grid
 
@@ -205,16 +205,31 @@ def _aligned(
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
     N = None if period is None else round(period)
-    shifts = {
-        number: _delay_of(base, [part for part in parts if part.file == number], N, channels, paths[number - 1])
-        for number in sorted({part.file for part in parts} - {1})
-    }
-    up_to = "" if N is None else " (up to whole periods)"
-    texts = (f"{paths[i - 1].name} lags {paths[0].name} by {shift:.3f} samples" for i, shift in shifts.items())
-    findings = tuple(Finding("logs shifted", 1, f"{text}{up_to}: shifted into step") for text in texts)
+    shifts, moved, findings = {}, [], []
+    for number in sorted({part.file for part in parts} - {1}):
+        name, own = paths[number - 1].name, [part for part in parts if part.file == number]
+        ratio = _clock_of(base, own, N, channels)
+        if ratio != 1:
+            own = [_at_clock(part, ratio, period) for part in own]
+            text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
+            findings.append(Finding("logs at one clock", 1, f"{text} of {paths[0].name}"))
+        shift, is_exact = _delay_of(base, own, N, channels, paths[number - 1])
+        shifts[number] = shift
+        moved += own
+        up_to = "" if N is None else " (up to whole periods)"
+        about = (
+            ""
+            if is_exact
+            else (
+                f"; to whole samples only, since {paths[0].name} has no r, so that channels of {name} may be up to "
+                f"{500 / base[0].rate_hz:.2g} ms early or late: log r in both files, or let fit.parameters have a delay"
+            )
+        )
+        text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}: shifted into step{about}"
+        findings.append(Finding("logs shifted", 1, text))
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
-    for part in (part for part in parts if part.file != 1):
+    for part in moved:
         shift, signals = shifts[part.file], part.signals
         if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in part.members):
             # One period of the excitation alone is repeated.
@@ -227,13 +242,36 @@ def _aligned(
         else:
             signals = at_times(signals, inside, period or float(len(signals)))
         result.append(replace(part, signals=signals))
-    return result, findings
+    return result, tuple(findings)
+
+
+def _clock_of(base: Sequence[_Part], other: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
+    """Samples of another file for one of the first, by the excitation that both repeat; 1 where that shows nothing."""
+    ours = _by_motor(base, "u", N, channels) | _by_motor(base, "r", N, channels)
+    theirs = _by_motor(other, "r", N, channels)
+    common = [motor for motor in theirs if motor in ours]
+    if N is None or not common or min(len(x[common[0]]) for x in (ours, theirs)) < 2 * N:
+        return 1.0
+    first, second = (
+        clock_drift(np.stack([x[motor][: len(x[motor]) // N * N] for motor in common], axis=1), N)
+        for x in (ours, theirs)
+    )
+    excess, periods = second.excess - first.excess, len(theirs[common[0]]) / N
+    of_both = [drift.left <= CLOCK.max_remaining_share * drift.unexplained for drift in (first, second)]
+    is_clock = CLOCK.min_shift <= abs(excess) * periods and abs(excess) <= CLOCK.max_error * N and any(of_both)
+    return (N + second.excess) / (N + first.excess) if is_clock else 1.0
+
+
+def _at_clock(part: _Part, ratio: float, period: float | None) -> _Part:
+    """The part at the clock of the first file: `ratio` of its own samples for each."""
+    times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
+    return replace(part, signals=at_times(part.signals, times, (period or float(len(part.signals))) * ratio))
 
 
 def _delay_of(
     base: Sequence[_Part], other: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
-) -> float:
-    """Samples by which a file lags the first one, from the motor whose excitation agrees best in both."""
+) -> tuple[float, bool]:
+    """Samples by which a file lags the first one, from the motor whose excitation agrees best in both; if exact."""
     sent = _by_motor(base, "r", N, channels)
     ours = _by_motor(base, "u", N, channels) | sent
     theirs = _by_motor(other, "r", N, channels)
@@ -247,7 +285,7 @@ def _delay_of(
         )
     shift = delays[best][0]
     # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.
-    return shift if best in sent else float(round(shift))
+    return (shift, True) if best in sent else (float(round(shift)), False)
 
 
 def _by_motor(

@@ -133,6 +133,29 @@ def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: fl
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
 
 
+@pytest.mark.parametrize("ppm", [40.0, -120.0])
+def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: Path) -> None:
+    """y and r by a second logger: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
+    other = log(np.arange(P * N) * (1 + 1e-6 * ppm) - 12.3, noise=1e-4)
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
+    channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
+    clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
+    assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
+    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+
+
+def test_logs_whose_start_is_known_to_whole_samples_say_so(tmp_path: Path) -> None:
+    """The first file has no r: the phase of the loop is part of the delay of u."""
+    other = log(np.arange(P * N) - 7.5, noise=1e-4)
+    write_log(tmp_path / "log.h5", {"u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
+    channels = (CHANNELS[1], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
+    assert any("up to 1 ms early or late: log r in both files" in note for note in said(record.notes))
+
+
 def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
     """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
     signals = log(np.arange(P * N) + 211, noise=1e-4)
