@@ -38,6 +38,7 @@ from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors,
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -54,6 +55,8 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
+# Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
+DISTORTED = 4.0
 # Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next where that is by
 # more than so many standard deviations beside the first.
 AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
@@ -196,6 +199,17 @@ class RelinearisedOptimum:
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+def is_distorted_by_friction(response: FrequencyResponse) -> bool:
+    """True if distortion is well above the noise, and no friction was taken out of the response."""
+    noise, total = response.noise, response.total
+    # Friction that was taken out leaves the errors of its levels among the systematic ones.
+    is_taken_out = response.bias is not None and len(response.bias) > SYSTEMATIC_ERRORS
+    if noise is None or total is None or is_taken_out:
+        return False
+    known = (noise.variance > 0) & np.isfinite(total.variance)
+    return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED
 
 
 def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:

@@ -22,11 +22,12 @@ from elastid.fit.assembly import (
     Assembly,
     RelinearisedOptimum,
     floor_of_residuals,
+    is_distorted_by_friction,
     motion_notes,
     relinearise,
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.status import at_bound
@@ -91,7 +92,7 @@ def fit_parameters(
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
     assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
-    return judge(result, assembly, optimum, uncertainty, Execution()).result
+    return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
 
 
 def _search(
@@ -138,14 +139,19 @@ def _with_found_floor(
     hits: int,
     execution: Execution,
 ) -> tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]:
-    """The estimate with the floor of the study, or where it gives none with that which the residuals show."""
+    """The estimate with the floor of the study, or where it gives none with that which the data show.
+
+    Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
+    lines, and springs and dampers take it up. There the floor is the usual one.
+    """
     if spec.weights.floor is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
     found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
-    if found[0].end.converged and not found[2].exceeds_noise:
+    is_distorted = any(map(is_distorted_by_friction, assembly.responses))
+    if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
-    floored = assembly.with_floor(floor_of_residuals(bare, found[0]))
+    floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 

@@ -322,3 +322,5 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("configurations", notes=find_disagreement),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )
+# For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_other_robots else replace(h, search=None) for h in HYPOTHESES)

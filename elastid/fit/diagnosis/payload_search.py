@@ -53,35 +53,63 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
         return None
     priors = math.sqrt(level) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
 
-    def residual(p: FloatArray) -> FloatArray:
-        return np.concatenate([L @ _changes(numbers, p) + target, priors * p])
+    A = _of_moments(numbers)
+    LA = L @ A
 
-    bounds = [-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]
-    ends = [least_squares(residual, [mu, *rho], bounds=bounds, x_scale=[1.0, 0.1, 0.1, 0.1]) for mu, rho in STARTS]
+    def residual(p: FloatArray) -> FloatArray:
+        return np.concatenate([LA @ _moments(p) + target, priors * p])
+
+    def slopes(p: FloatArray) -> FloatArray:
+        return np.concatenate([LA @ _slopes_of_moments(p), np.diag(priors)])
+
+    bounds, scales = ([-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]), [1.0, 0.1, 0.1, 0.1]
+    ends = [least_squares(residual, [mu, *rho], slopes, bounds=bounds, x_scale=scales) for mu, rho in STARTS]
     p = min(ends, key=lambda end: float(end.cost)).x
-    change = _changes(numbers, p)
-    step = 1e-6 * np.array([MASS_KG, *3 * [DISTANCE_M]])
-    J = np.stack([(_changes(numbers, p + h) - change) / h.sum() for h in np.diag(step)], axis=1)
+    change, J = A @ _moments(p), A @ _slopes_of_moments(p)
     drop = float(-change @ (2 * g + S @ change))
     return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ S @ J)
 
 
-def _changes(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
-    """delta (n_m,), relative where log, of mu, rho (4,)."""
-    mu, rho = p[0], p[1:]
+# Second moments in the order of `_moments`.
+_PAIRS = (("x", "x"), ("y", "y"), ("z", "z"), ("x", "y"), ("x", "z"), ("y", "z"))
+
+
+def _moments(p: FloatArray) -> FloatArray:
+    """mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
+    mu, x, y, z = p
+    return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
+
+
+def _slopes_of_moments(p: FloatArray) -> FloatArray:
+    """d moments / d (mu, rho) (10, 4)."""
+    mu, x, y, z = p
+    of_place = np.zeros((10, 3))
+    of_place[1:4] = np.eye(3)
+    of_place[4:7] = np.diag([2 * x, 2 * y, 2 * z])
+    of_place[7:] = [[y, x, 0.0], [z, 0.0, x], [0.0, z, y]]
+    return np.column_stack([_moments(np.array([1.0, x, y, z])), mu * of_place])
+
+
+def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
+    """delta (n_m, 10), relative where log, by the moments of a load."""
     mass = numbers[0].value
-    inertia = mu * (rho @ rho * np.eye(3) - np.outer(rho, rho))
-    own = {"m": mu, **{f"c{axis}": mu / mass * rho[i] for i, axis in enumerate("xyz")}}
-    own["I"] = mu * float(rho @ rho)  # of a single number, as in a plane
-    own |= {f"I{a}{b}": inertia[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
-    values = [own.get(_key(n.name), 0.0) for n in numbers]
-    return np.array([v / n.value if n.log else v for v, n in zip(values, numbers, strict=True)])
+    own: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
+    own["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
+    for i, axis in enumerate("xyz"):
+        own[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
+    own |= {f"I{a}{b}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
+    own |= {f"I{b}{a}": {4 + k: -1.0} for k, (a, b) in enumerate(_PAIRS) if a != b}
+    A = np.zeros((len(numbers), 10))
+    for row, number in zip(A, numbers, strict=True):
+        for place, factor in own.get(_key(number.name), {}).items():
+            row[place] = factor / number.value if number.log else factor
+    return A
 
 
 def steps_of(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
     """The changes of the numbers themselves, in ln p where log: the centre is that of both masses."""
     mass = numbers[0].value
-    changes, both = _changes(numbers, p), mass / (mass + p[0])
+    changes, both = _of_moments(numbers) @ _moments(p), mass / (mass + p[0])
     inertial = np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
     changes = changes * inertial
     log = np.array([n.log for n in numbers])
