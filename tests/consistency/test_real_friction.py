@@ -12,6 +12,7 @@ import pytest
 
 from elastid.app import cli
 from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter, first_estimate
+from elastid.friction_study.filter_consistency import FILTER
 from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 
@@ -81,7 +82,8 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
         half = (found.high[-1, i] - found.low[-1, i]) / 2
         if name in regression:
             assert abs(value - regression[name]) < max(half, 0.05 * value), name
-    assert 0.9 < found.consistency.nis < 1.1
+    # Friction over position, which the law of the study has and the filter has not, leaves some.
+    assert 0.9 < found.consistency.nis < FILTER.nis_band[1]
     assert found.consistency.is_white
     (record,) = read_friction_records(tmp_path / "records.h5").records
     samples = JointSamples(record.torque[:-1], np.zeros(len(record.torque) - 1), record.position[1:])
