@@ -69,7 +69,8 @@ class WeightSpec:
     # fmt: off
     floor: Annotated[float | None, Key("Expected model error relative to |G|, which the intervals then include "
         "(default: 0 where the residuals show no more than the measured noise, otherwise as much as they show, at most "
-        "0.01, which sensors and a good linear model commonly leave; 0.01 where no noise was measured).", "about 0.03 "
+        "0.01, which sensors and a good linear model commonly leave; 0.01 where no noise was measured, and where dry "
+        "friction was left in the responses, whose error no residual shows).", "about 0.03 "
         "where friction is strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then "
         "decide.")] = None
     smooth: Annotated[int, Key("Number of lines over which a variance from few periods or realisations is averaged; 0 "
