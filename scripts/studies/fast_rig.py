@@ -12,7 +12,7 @@ changes in M and in gravity. Serial robots with Coulomb and viscous friction at 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -29,6 +29,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, Record
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.simulation.controller import rigid_motion, tune
 
@@ -37,6 +38,11 @@ from elastid.simulation.controller import rigid_motion, tune
 MIN_SLIDING, MIN_CHANGE, MAX_TANH = 4.0, 0.5, 10.0
 # Runs that are advanced side by side: their states stay in the processor's cache.
 BLOCK_RUNS = 32
+
+
+def at_rest(response: FrequencyResponse) -> FrequencyResponse:
+    """A response of the stand-in, whose motion moves no posture: nothing of that is to be taken out."""
+    return replace(response, motion=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from fast_rig import FastRig
+from fast_rig import FastRig, at_rest
 from study_plants import fit_from_truth, with_coulomb
 
 from elastid.base.arrays import FloatArray
@@ -147,7 +147,7 @@ class Case:
         for friction in self.frictions:
             spec = EstimatorSpec(friction=friction)
             taken = None if friction == "none" else find_friction(groups, spec, plan.lines)
-            responses = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
+            responses = [at_rest(estimate_without_friction(group, taken, spec, plan.lines)) for group in groups]
             found.append(fit_from_truth(responses, rig.robot, self.names))
         return np.array(found)
 

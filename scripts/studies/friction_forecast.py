@@ -30,7 +30,7 @@ from typing import Any, get_args
 
 import numpy as np
 from design import six_axes as six_axes_of
-from fast_rig import FastRig
+from fast_rig import FastRig, at_rest
 from friction_coverage import SUBSTEPS, two_axes
 from study_plants import with_coulomb
 
@@ -138,7 +138,7 @@ def fitted(problem: DesignProblem, rig: FastRig, friction: Friction, seed: int) 
     spec = EstimatorSpec(friction=friction)
     groups = [[one for one in records if one.configuration.name == c.name] for c in plan.configurations]
     taken = None if friction == "none" else find_friction(groups, spec, plan.lines)
-    responses = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
+    responses = [at_rest(estimate_without_friction(group, taken, spec, plan.lines)) for group in groups]
     return fit_parameters(responses, problem.robot, problem.fit)
 
 

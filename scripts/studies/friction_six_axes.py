@@ -32,7 +32,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from fast_rig import FastRig
+from fast_rig import FastRig, at_rest
 from friction_forecast import six_axis
 
 from elastid.design.problem import DesignProblem
@@ -78,7 +78,7 @@ def judge(given: DesignProblem, seed: int) -> dict[str, Any]:
     found = {"records": len(records), "seconds": {"find": round(seconds, 1)}, "levels": levels.round(5).tolist()}
     for name, taken in (("none", None), ("auto", friction)):
         start = time.process_time()
-        responses = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
+        responses = [at_rest(estimate_without_friction(group, taken, spec, plan.lines)) for group in groups]
         result = fit_parameters(responses, given.robot, given.fit)
         found["seconds"][name] = round(time.process_time() - start, 1)
         found[name] = errors(result, {key: value for key, (value, _) in given.robot.parameters().items()})

@@ -331,7 +331,7 @@ def test_a_bound_that_holds_most_starts_is_named(data):
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)
     result = identify(data, bench(d=0.2), spec)
     assert result.status == "misfit"
-    assert "converged with d_1, d_2 at a bound, but" in result.message
+    assert "with d_1, d_2 at a bound the model is wrong" in result.message
     assert any("d_2 ended at its lower bound of 0.09" in warning for warning in said(result.notes))
 
 

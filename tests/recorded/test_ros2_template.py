@@ -19,7 +19,7 @@ STIFFNESS = 60.0
 
 def _simulated() -> tuple[np.ndarray, np.ndarray]:
     """Effort and position (PERIODS N,) of a motor and its load, with noise in both."""
-    rng, lines = np.random.default_rng(5), np.arange(4, 240)
+    rng, lines = np.random.default_rng(8), np.arange(4, 240)
     s = 2j * np.pi * lines * RATE / N
     through, load_inertia = 0.01 * s + STIFFNESS, 0.9e-3 * s**2
     motor = 1.1e-3 * s**2 + 1e-3 * s

@@ -10,6 +10,9 @@ from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber
 from elastid.robot import Body, Robot
 
+# Families of numbers that depend on the posture alone.
+OF_POSTURES = ("friction by posture", "transmission")
+
 
 def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """Each number alone, then common factors of several, then what one cause changes together.
@@ -58,7 +61,8 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
         for posture in postures:
             own = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
             yield f"payload_{body.name}@{posture}", "payload of one posture", own
-    for word, family in (("friction", "friction by posture"), ("transmission", "transmission")):
+    for family in OF_POSTURES:
+        word = family.partition(" ")[0]
         for joint in robot.driven:
             yield f"{word}_{joint.name}", family, [f"{word}_{joint.name}@{posture}" for posture in postures]
 

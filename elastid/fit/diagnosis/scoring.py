@@ -12,7 +12,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.candidates import candidates
+from elastid.fit.diagnosis.candidates import OF_POSTURES, candidates
 from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Scores, hypothesis_of
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import HeldNumber, ScoreTest, free_step
@@ -51,7 +51,11 @@ def score(evidence: Evidence) -> Scores:
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
-    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
+    # What depends on the posture is the same where one is there twice.
+    angles = [tuple(map(float, part.kernel.model.configuration.angles)) for part in fit.parts]
+    is_twice = len({*angles}) < len(angles)
+    every_one = candidates(numbers, held.linearisation.model.robot, evidence.hypotheses)
+    freed = tuple(each for each in every_one if not (is_twice and each.family in OF_POSTURES))
     moved, drop = free_step(A, b, ~evidence.result.at_bound)
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(thin.n_residuals - len(x), 1)

@@ -31,12 +31,17 @@ def found(gear: Gear) -> tuple[Levels, dict[str, float]]:
     ],
 )
 def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expected: dict[str, float]) -> None:
-    """Levels within 3 %, k within 0.1 % and d within 2 %: where a linear fit has d 27 % off, and a gear as a spring."""
+    """Levels within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
     levels, numbers = found(gear)
-    by_kind = {effect.kind: f for effect, f in zip(levels.effects, levels.levels.tolist(), strict=True)}
-    cosine = by_kind.pop("error cosine", 0.0)
-    assert by_kind == pytest.approx(expected, rel=0.03)
-    assert abs(cosine) < 0.03 * by_kind.get("error sine", 1.0)
+    by_kind = {
+        effect.kind: (f, std)
+        for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True)
+    }
+    cosine, _ = by_kind.pop("error cosine", (0.0, 0.0))
+    assert set(by_kind) == set(expected)
+    for kind, (f, std) in by_kind.items():
+        assert abs(f - expected[kind]) < max(0.03 * expected[kind], 3 * std), kind
+    assert abs(cosine) < 0.03 * expected.get("error sine", 1.0)
     assert numbers["k_1"] == pytest.approx(gear.k, rel=1e-3)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-2)
     assert np.isfinite(levels.covariance).all()
