@@ -85,7 +85,7 @@ class FittedRobot:
 
     @cached_property
     def effects(self) -> tuple[ComplexArray | None, ...]:
-        """What the motion of each measurement adds to its response; None where it cannot matter."""
+        """Change of each response by the motion of its measurement; None where it is negligible."""
         pairs = zip(self.linear, self.measured, strict=True)
         return tuple(
             effect_of_motion(self.model, linear, self.theta_of(G.configuration.name), G) for linear, G in pairs

@@ -30,7 +30,7 @@ _CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
 
 @dataclass(frozen=True)
 class Asked:
-    """What to predict (`FitResult.at`): ports, what the motors do, what the robot carries.
+    """Ports, motors and payload of a prediction (`FitResult.at`).
 
     payload: None for that of the fitted robot, False for none, or another one.
     """

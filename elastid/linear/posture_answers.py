@@ -1,4 +1,4 @@
-"""What a robot in a posture answers: response with bands, modes, static stiffness, each with standard deviations."""
+"""Response with bands, modes and static stiffness of a robot in a posture, each with standard deviations."""
 
 from __future__ import annotations
 

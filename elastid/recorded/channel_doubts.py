@@ -100,7 +100,7 @@ class JointSignals:
         return self.motor_inertia / 3 < inertia < LIMITS.max_inertia_ratio * self.motor_inertia
 
     def unit_changes(self, i: int, quantity: str) -> dict[float, str]:
-        """What factors of an inertia units of another quantity make of that by the stated one; and what to write."""
+        """Factors of the inertia by the units of another quantity over that by the stated unit, each with its key."""
         stated, dimension = self.unit_size(i), self._dimension(quantity, self.channels[i])
         return {stated / TABLE[unit][1]: f", unit: {unit}" for unit in units_of(dimension)}
 

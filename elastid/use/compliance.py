@@ -28,7 +28,7 @@ from elastid.use.linearised import Linearised
 
 @dataclass(frozen=True)
 class Cut:
-    """What the tool does: load (3,) in N, cutting coefficient K_t in N/m^2, directions (3,) in the base's axes or None.
+    """Load (3,) on the tool in N, cutting coefficient K_t in N/m^2, directions (3,) in the base's axes or None.
 
     normal: of the cut surface, along which the chip gets thicker.  force: along which the cutting force acts.
     """

@@ -14,14 +14,15 @@ from elastid.fit.result import FitResult
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot
 
-MAX_REFUSED = 20  # draws for each robot, of which no body can have most
+MAX_REFUSED = 20  # impossible draws for each robot, beyond which a fit is too uncertain to be drawn from
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnRobots:
     """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
 
-    held: parameters that the data do not reach, which keep their estimate.  refused: draws that no body can have.
+    held: parameters that the data do not reach, which keep their estimate.  refused: number of draws with an
+    impossible inertia.
     """
 
     names: tuple[str, ...]
@@ -60,7 +61,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
             refused += 1
             if refused > MAX_REFUSED * (len(robots) + 10):
                 raise FitError(
-                    f"of {refused + len(robots)} draws {refused} are robots that no bodies can make: the fit knows too "
+                    f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
                     "little of masses or inertias; give them a prior, or hold them"
                 ) from None
             continue

@@ -1,1 +1,1 @@
-"""What gears do besides being springs, found from multisine records together with the parameters of a fit."""
+"""Effects of gears beside their springs, found from multisine records together with the parameters of a fit."""

@@ -1,9 +1,9 @@
 r"""The effects of a robot's gears that its records show, by cross-validation over realisations.
 
-Candidates are judged along the motion under the effects that were found before: with the normal equations of parameters
-and levels, one set for each realisation, a group of effects (a sine with its cosine) is added as long as what it leaves
-of the others' residuals falls. Then parameters and levels are found anew, and with them the motion, until no group is
-added; what is then within three of its standard deviations of 0 is left out again.
+The normal equations of parameters and levels are summed up for each realisation, along the motion under the effects
+found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
+its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below three
+of their standard deviations are left out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from elastid.nonlinear.gear.levels import (
     priors,
     start_levels,
 )
-from elastid.nonlinear.gear.motion import estimate_motion
+from elastid.nonlinear.gear.motion import Estimate, estimate_motion
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -87,7 +87,6 @@ def choose_effects(
     linearisation: Linearisation,
     parameters: ParameterSet,
     x: FloatArray,
-    candidates: Sequence[Group] | None = None,
 ) -> Levels:
     """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
 
@@ -97,7 +96,7 @@ def choose_effects(
     arguments = data, responses, linearisation, parameters
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(*arguments, np.where(lost, parameters.x, x))
-    groups = list(candidates if candidates is not None else candidate_groups(data, found, linearisation))
+    groups = candidate_groups(data, found, linearisation)
     for _ in range(LIMITS.rounds):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, responses, linearisation, found, further)
@@ -140,12 +139,15 @@ def _added(
     levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
     joints, ratios = joints_of(linearisation)
     drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
-    estimates = [
-        estimate_motion(lines, drive, joints, ratios, effects, levels, None)
-        for lines, drive in zip(data, drives, strict=True)
-    ]
+    estimates: list[Estimate | None] = [None] * len(data)
+    for _ in range(2):  # the second time with the forces of the effects that were found
+        estimates = [
+            estimate_motion(lines, drive, joints, ratios, effects, levels, before)
+            for lines, drive, before in zip(data, drives, estimates, strict=True)
+        ]
     n_x = len(found.x)
-    sums = normal_equations(data, drives, estimates, n_x, levels)
+    known = [estimate for estimate in estimates if estimate is not None]
+    sums = normal_equations(data, drives, known, n_x, levels)
     prior = priors(found.parameters, found.x, n_x + len(levels))
     chosen = list(range(n_x + len(found.levels)))
     places, first = [], n_x + len(found.levels)
@@ -176,11 +178,7 @@ def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen
         others = [m for m in range(R) if m != i] or [i]
         A = sums.A[others].sum(axis=0)[square] + prior[0][square]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        step = (
-            np.linalg.lstsq(
-                A / np.outer(size, size), (sums.b[others].sum(axis=0) + prior[1])[chosen] / size, rcond=1e-10
-            )[0]
-            / size
-        )
+        b = (sums.b[others].sum(axis=0) + prior[1])[chosen]
+        step = np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size
         V += float(sums.c[i] - 2 * sums.b[i][chosen] @ step + step @ sums.A[i][square] @ step)
     return V

@@ -65,7 +65,7 @@ class GearEffect:
 
     @property
     def signal(self) -> Literal["deflection", "link velocity"]:
-        """What an implicit effect is a function of."""
+        """The motion that an implicit effect is a function of."""
         return "link velocity" if self.kind == "behind" else "deflection"
 
 

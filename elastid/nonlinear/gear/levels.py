@@ -23,6 +23,7 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.motion import Estimate, estimate_motion, residuals, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.parameters import ParameterSet
+from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
 _ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
@@ -33,8 +34,7 @@ _STEP = 0.3  # of a logarithmic variable, at most
 class Levels:
     """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    move: of the last round, in standard deviations.  unexplained: power of the residuals over that of the scatter
-    between periods, the median line.
+    move: of the last round, in standard deviations.
     """
 
     parameters: ParameterSet
@@ -44,7 +44,6 @@ class Levels:
     covariance: FloatArray
     rounds: int
     move: float
-    unexplained: float
     estimates: tuple[Estimate, ...]
     drives: tuple[DriveLines, ...]
 
@@ -73,7 +72,7 @@ def find_levels(
     joints, ratios = joints_of(linearisation)
     levels = np.zeros(len(effects)) if levels is None else levels
     estimates: list[Estimate | None] = [None] * len(data)
-    move, unexplained, covariance = np.inf, np.inf, np.zeros((0, 0))
+    move, covariance = np.inf, np.zeros((0, 0))
     for count in range(1, _ROUNDS + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         for _ in range(2 if count == 1 else 1):
@@ -94,10 +93,7 @@ def find_levels(
         x, levels = x + shorter * step[: len(x)], levels + shorter * step[len(x) :]
         if move < _MOVE:
             break
-    unexplained = _unexplained(data, drives, known, levels)
-    return Levels(
-        parameters, tuple(effects), x, levels, covariance, count, move, unexplained, tuple(known), tuple(drives)
-    )
+    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, tuple(known), tuple(drives))
 
 
 def start_levels(
@@ -115,9 +111,8 @@ def start_levels(
         for c, drive in zip(data, drives, strict=True)
     )
     sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
-    unexplained = _unexplained(data, drives, estimates, none)
     covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, 0, np.inf, unexplained, estimates, drives)
+    return Levels(parameters, (), x, none, covariance, 0, np.inf, estimates, drives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +155,7 @@ def normal_equations(
 
 
 def priors(parameters: ParameterSet, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """What the priors add to A (n, n) and b (n,) at x (n_x,)."""
+    """Terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
     mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
     slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
     A, b = np.zeros((n, n)), np.zeros(n)
@@ -179,7 +174,7 @@ def _jacobian(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: 
     """- dr / d(x, f) (F, n_u, M, n_x + n_f), the motion held."""
     F, n_u, M = lines.Y.shape
     J = np.zeros((F, n_u, M, n_x + len(levels)), complex)
-    order = {"position": 0, "velocity": 1, "acceleration": 2}[drive.model.quantity]
+    order = MOTION_ORDER[drive.model.quantity]
     dG = drive.kernel.evaluate(drive.theta)[1] / lines.s[:, None, None] ** order
     CH = drive.C @ drive.H
     q = drive.H @ np.tensordot(Phi, levels, axes=1)
@@ -199,14 +194,3 @@ def _jacobian(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: 
         J[..., :n_x] += slope[..., None] * row
     J[..., n_x:] = -np.einsum("fa,fan,fnmi->fami", drive.sensor, CH, Phi)
     return J
-
-
-def _unexplained(
-    data: Sequence[PeriodLines], drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray
-) -> float:
-    ratios = []
-    for lines, drive, estimate in zip(data, drives, estimates, strict=True):
-        r = residuals(lines, drive, estimate.Phi, levels)
-        on = lines.excited
-        ratios.append(np.mean(np.abs(r[on]) ** 2, axis=2) / np.maximum(lines.scatter[on], 1e-300))
-    return float(np.median(np.concatenate(ratios)))

@@ -33,8 +33,9 @@ _STEPS, _HALVINGS, _NEAR = 8, 5, 1e-4  # Newton's method
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Phi (F, n, M, n_f): forces on the model's coordinates by effects of level 1.  unknowns: x (n_x, n) of each
-    experiment, to start from.  r (F, n_u, M): residuals of the angles.
+    """Phi (F, n, M, n_f): forces on the model's coordinates by effects of level 1.
+
+    unknowns: deflections and link velocities x (n_x, n) of each experiment, from which the next estimate starts.
     """
 
     Phi: ComplexArray
