@@ -2,8 +2,8 @@ r"""The effects of a robot's gears that its records show, by cross-validation ov
 
 The normal equations of parameters and levels are summed up for each realisation, along the motion under the effects
 found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
-its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below three
-of their standard deviations are left out.
+its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below
+three of their standard deviations are left out.
 """
 
 from __future__ import annotations
