@@ -597,3 +597,9 @@ def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:
     program = [sys.executable, "-m", "elastid", "check", str(tiny)]
     closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *program], capture_output=True, text=True, check=False)
     assert (closed.returncode, closed.stderr) == (0, "")
+
+
+def test_a_map_that_is_interrupted_does_not_promise_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    """It writes at its end alone."""
+    assert cli.interrupted(["map", "study.yml"]) == 130
+    assert capsys.readouterr().err == "interrupted: nothing of it is kept; `elastid map study.yml` begins anew\n"
