@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from elastid import plot as plot
+    from elastid.app.finished_run import FinishedRun as FinishedRun
+    from elastid.app.finished_run import run as run
     from elastid.design.friction import design_friction as design_friction
     from elastid.excitation.spec import MultisineSpec as MultisineSpec
     from elastid.experiment.plan.plan import Plan as Plan
@@ -92,6 +94,7 @@ if TYPE_CHECKING:
     from elastid.recorded.rig import RecordedRig as RecordedRig
     from elastid.response import Covariance as Covariance
     from elastid.response import FrequencyResponse as FrequencyResponse
+    from elastid.response import Responses as Responses
     from elastid.robot import Body as Body
     from elastid.robot import Frame as Frame
     from elastid.robot import Friction as Friction
@@ -126,6 +129,7 @@ __version__ = "0.2.0"
 # Which names a module has, in the order of the work.
 _NAMES = {
     "elastid.nouns": ("Robot", "Record", "Response", "Parameters", "Result"),
+    "elastid.app.finished_run": ("run", "FinishedRun"),
     "elastid.study": ("load_study", "load_robot", "LoadedStudy", "Study"),
     "elastid.robot": ("Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction", "Frame", "Placement"),
     "elastid.excitation.spec": ("MultisineSpec",),
@@ -141,7 +145,7 @@ _NAMES = {
     "elastid.record": ("Configuration", "FrictionRecord", "FrictionRecords"),
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
-    "elastid.response": ("Covariance", "FrequencyResponse"),
+    "elastid.response": ("Covariance", "FrequencyResponse", "Responses"),
     "elastid.model.spec": ("ModelSpec",),
     "elastid.model.formulation": ("formulate", "serial"),
     "elastid.linear.linearise": ("linearise",),

@@ -13,6 +13,7 @@ rooms above them; the constructors here call these rooms. Keyword arguments are 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -100,7 +101,7 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
     @staticmethod
     def estimate(
         records: Iterable[record_room.Record], robot: RobotValue | None = None, **estimator: Any
-    ) -> tuple[response_room.FrequencyResponse, ...]:
+    ) -> response_room.Responses:
         """The response of each configuration, with friction of the motors taken out (`friction="none"`: left in).
 
         robot: needed where gears couple axes, since friction acts on their motors.  estimator: keys of `estimator`.
@@ -113,12 +114,13 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
         E = shaft_couplings(robot)
         shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
         friction = None if spec.friction == "none" else find_friction(shafts, spec)
-        return tuple(estimate_without_friction(group, friction, spec, None, E) for group in groups.values())
+        estimate = partial(estimate_without_friction, friction=friction, spec=spec, planned_lines=None, E=E)
+        return response_room.Responses(estimate(group) for group in groups.values())
 
     @staticmethod
-    def load(path: Path | str) -> tuple[response_room.FrequencyResponse, ...]:
+    def load(path: Path | str) -> response_room.Responses:
         """The responses of frf.h5."""
-        return tuple(read_responses(path))
+        return read_responses(path)
 
 
 class Parameters(parameter_room.ParameterSet, metaclass=_Noun):

@@ -8,9 +8,9 @@ otherwise).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -19,71 +19,8 @@ from elastid.base.display import Display, as_html, as_text, notebook_package
 from elastid.base.errors import check_kind, index_of
 from elastid.base.escape import control_label
 from elastid.base.note import Note
+from elastid.covariance import Covariance, CovarianceForm, scaled
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
-
-CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
-
-
-@frozen_value
-class Covariance:
-    """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
-
-    full:       matrix (F, n_y n_u, n_y n_u) Hermitian
-    kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
-    diagonal:   the others are None; variance (F, n_y, n_u) only.
-    variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
-    variance scatters by 1 / sqrt(dof) of itself.
-    """
-
-    variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
-    dof: float = labelled("complex: the variance scatters by 1 / sqrt(dof) of itself")
-    left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
-    right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
-    matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
-
-    def __post_init__(self) -> None:
-        """Refuse negative or non-finite variances."""
-        if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
-            raise ValueError("a variance is negative or not finite")
-
-    __repr__, _repr_html_ = as_text, as_html
-
-    @property
-    def display(self) -> Display:
-        """Form, size and degrees of freedom."""
-        lines, n_y, n_u = self.variance.shape
-        return Display(f"Covariance of {n_y} x {n_u} at {lines} lines: {self.form}, {self.dof:.4g} degrees of freedom")
-
-    @property
-    def form(self) -> CovarianceForm:
-        """The form, by the factors that are known."""
-        if self.matrix is not None:
-            return "full"
-        return "diagonal" if self.left is None else "kronecker"
-
-    def full(self) -> ComplexArray:
-        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
-        F, n_y, n_u = self.variance.shape
-        if self.matrix is not None:
-            return self.matrix
-        if self.left is not None and self.right is not None:
-            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
-        diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
-        return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
-
-    def lines(self, keep: BoolArray) -> Covariance:
-        """The same on some of its lines; keep (F,) is True where a line stays."""
-        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
-        return Covariance(self.variance[keep], self.dof, left, right, matrix)
-
-
-def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
-    """The covariance of a response times a gain with |gain|^2 = power (F, 1, 1)."""
-    if covariance is None:
-        return None
-    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
-    return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)
-
 
 # Arrays of a Quality with the lines of its response.
 LINE_ARRAYS = (
@@ -312,6 +249,52 @@ class FrequencyResponse:
             leakage=None if self.leakage is None else self.leakage[keep],
         )
 
+    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> FrequencyResponse:
+        """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
+
+        Each a place or a sequence of places.  Quality and errors by friction belong to all of them and are left out.
+        UnknownNameError for a place that is none.
+        """
+        check_kind(places, tuple, "places", 'give outputs and inputs, response["joint 1", "motor 1"]')
+        outputs, inputs = ((place,) if isinstance(place, str) else tuple(place) for place in places)
+        rows = [index_of(place, self.outputs, "output") for place in outputs]
+        columns = [index_of(place, self.inputs, "input") for place in inputs]
+
+        def cut(covariance: Covariance | None) -> Covariance | None:
+            return None if covariance is None else covariance.elements(rows, columns)
+
+        return replace(
+            self,
+            G=self.G[:, rows][:, :, columns],
+            inputs=inputs,
+            outputs=outputs,
+            input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
+            noise=cut(self.noise),
+            total=cut(self.total),
+            distortion=cut(self.distortion),
+            leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
+            quality=None,
+            bias=None,
+        )
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (F, n_y, n_u) of the complex number G, E|dG|^2 ^ 1/2; ValueError where it is not known."""
+        if self.uncertainty is None:
+            raise ValueError(
+                f"response of {self.configuration.name}: its noise is unknown, no covariance was estimated"
+            )
+        return np.sqrt(self.uncertainty.variance)
+
+    @property
+    def coherence(self) -> FloatArray:
+        """Multiple coherence (F, n_y) of each output with all inputs; ValueError where it was not measured."""
+        if self.quality is None:
+            raise ValueError(
+                f"response of {self.configuration.name}: it has no coherence, which comes with an estimate from records"
+            )
+        return self.quality.multiple_coherence
+
     def to_control(self) -> Any:
         """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
         import control  # takes a second or two
@@ -350,6 +333,18 @@ class FrequencyResponse:
         )
 
 
+class Responses(tuple[FrequencyResponse, ...]):
+    """Responses in their order, by number or by the name of a configuration: responses[0], responses["folded"]."""
+
+    __slots__ = ()
+
+    def __getitem__(self, where: Any) -> Any:
+        """The response of a configuration, or as of any tuple; UnknownNameError for a name that none has."""
+        if isinstance(where, str):
+            where = index_of(where, [response.configuration.name for response in self], "configuration")
+        return super().__getitem__(where)
+
+
 def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyResponse:
     r"""The same response in position, velocity or acceleration per torque, its covariance with it.
 
@@ -373,4 +368,13 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
     )
 
 
-__all__ = ["LINE_ARRAYS", "Covariance", "CovarianceForm", "FrequencyResponse", "Levels", "Quality", "in_quantity"]
+__all__ = [
+    "LINE_ARRAYS",
+    "Covariance",
+    "CovarianceForm",
+    "FrequencyResponse",
+    "Levels",
+    "Quality",
+    "Responses",
+    "in_quantity",
+]

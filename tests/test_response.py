@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from elastid.base.errors import UnknownNameError
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse, in_quantity
+from elastid.response import Covariance, FrequencyResponse, Responses, in_quantity
 
 HOME = Configuration("home", np.zeros(1))
 
@@ -63,3 +64,51 @@ def test_another_quantity_scales_the_response_and_its_variance() -> None:
     assert acceleration.noise is not None
     np.testing.assert_allclose(acceleration.noise.variance, omega**4)
     np.testing.assert_allclose(in_quantity(acceleration, "position").G, G)
+
+
+def test_places_choose_elements_and_their_covariance() -> None:
+    """Outputs first, as python-control indexes; every form of the covariance is cut as its full matrix is."""
+    rng = np.random.default_rng(3)
+    F, n_y, n_u = 4, 3, 2
+
+    def positive(n: int) -> np.ndarray:
+        root = rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n))
+        return np.asarray(root @ root.conj().transpose(0, 2, 1))
+
+    left, right = positive(n_u), positive(n_y)
+    variance = np.einsum("fbb,faa->fab", left, right).real
+    kronecker = Covariance(variance, 10.0, left, right)
+    full = Covariance(variance, 10.0, matrix=kronecker.full())
+    G = rng.normal(size=(F, n_y, n_u)) + 0j
+    outputs, inputs = ("motor 1", "motor 2", "joint 1"), ("motor 1", "motor 2")
+    response = FrequencyResponse(
+        np.arange(1.0, 5.0), G, inputs, outputs, "acceleration", HOME, noise=kronecker, total=full
+    )
+    part = response[("joint 1", "motor 1"), "motor 2"]
+    assert (part.outputs, part.inputs) == (("joint 1", "motor 1"), ("motor 2",))
+    np.testing.assert_array_equal(part.G, G[:, [2, 0]][:, :, [1]])
+    kept = [2 + 3, 0 + 3]  # of the column-stacked response
+    expected = kronecker.full()[:, kept][:, :, kept]
+    for covariance in (part.noise, part.total):
+        assert covariance is not None
+        np.testing.assert_allclose(covariance.full(), expected)
+    np.testing.assert_allclose(part.std[:, :, 0] ** 2, np.einsum("faa->fa", expected).real)
+    with pytest.raises(UnknownNameError, match="no output motor 9; there are motor 1, motor 2, joint 1"):
+        response["motor 9", "motor 1"]
+    with pytest.raises(TypeError, match='response\\["joint 1", "motor 1"\\]'):
+        response["motor 1"]  # type: ignore[index]
+    with pytest.raises(ValueError, match="home: it has no coherence"):
+        _ = response.coherence
+
+
+def test_responses_are_found_by_the_name_of_their_configuration() -> None:
+    G, places = np.ones((1, 1, 1)), ("motor 1",)
+    one, other = (
+        FrequencyResponse(np.array([3.0]), G, places, places, "position", Configuration(name, np.zeros(1)))
+        for name in ("low", "high")
+    )
+    responses = Responses((one, other))
+    assert responses["high"] is responses[1] is other
+    assert responses[:1] == (one,)
+    with pytest.raises(UnknownNameError, match="no configuration folded; there are low, high"):
+        responses["folded"]

@@ -49,8 +49,8 @@ _Responses: TypeAlias = Sequence[FrequencyResponse]
 _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
-def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
-    """compare.json, and the report again where there is one.
+def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
+    """compare.json, and the report again where there is one; the ranking.
 
     further: studies whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
@@ -65,7 +65,9 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> None:
             )
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]
-        finish(run, rank(names, models, refitted(run, models, responses)))
+        comparison = rank(names, models, refitted(run, models, responses))
+        finish(run, comparison)
+    return comparison
 
 
 def finish(run: Run, comparison: Comparison) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
@@ -381,6 +381,32 @@ class FitResult:
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
+
+    def with_parameters(self, **values: float) -> FitResult:
+        """The same robot with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
+
+        They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
+        ValueError for a tied number, and for one that must be positive and is not.
+        """
+        x, free = self.x.copy(), self.parameters.free_names
+        others = np.array([name not in values for name in free])
+        for name, value in values.items():
+            p = self.parameters[name]
+            if p.tie is not None:
+                raise ValueError(f"{name} is tied to {p.tie.to}; change {p.tie.to} instead")
+            if not math.isfinite(value) or (p.log and value <= 0):
+                raise ValueError(f"{name} = {value:g}: give a finite {'positive ' if p.log else ''}number in {p.unit}")
+            if name in free:
+                x[free.index(name)] = p.to_x(value)
+        return replace(
+            self,
+            parameters=self.parameters.with_values({name: v for name, v in values.items() if name not in free}),
+            x=x,
+            covariance=np.where(others[:, None] & others, self.covariance, 0.0),
+            profile95=np.where(others[:, None], self.profile95, np.nan) if len(self.profile95) else self.profile95,
+            indices=tuple(replace(index, effects=np.where(others, index.effects, 0.0)) for index in self.indices),
+            message=f"{self.message}; by hand: {', '.join(f'{name} = {value:.6g}' for name, value in values.items())}",
+        )
 
     @property
     def covariance_of_prediction(self) -> FloatArray:

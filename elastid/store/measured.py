@@ -18,7 +18,7 @@ from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import FrequencyResponse, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import text_file
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
@@ -153,9 +153,9 @@ def write_responses(
     write_artefact(path, RESPONSES, stamp, parts, {"responses": "configuration.name"})
 
 
-def read_responses(path: Path | str) -> tuple[FrequencyResponse, ...]:
+def read_responses(path: Path | str) -> Responses:
     """The responses in frf.h5."""
-    return read_part(path, RESPONSES, "responses", tuple[FrequencyResponse, ...])
+    return Responses(read_part(path, RESPONSES, "responses", tuple[FrequencyResponse, ...]))
 
 
 def read_friction(path: Path | str) -> FrictionTakenOut | None:

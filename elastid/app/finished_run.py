@@ -1,0 +1,106 @@
+"""run: a study -> its stages carried out, and what they found as values: elastid.run("study.yml").result["k_1"]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from elastid.app.compare import compare
+from elastid.app.console import Console
+from elastid.app.export import export
+from elastid.app.run import Run, run_all, run_stage
+from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import FitError
+from elastid.fit.result import FitResult
+from elastid.friction_study.result import FrictionResult
+from elastid.record import Record
+from elastid.response import Responses
+from elastid.store.friction_study import read_friction_result
+from elastid.store.measured import read_records, read_responses
+from elastid.store.results import read_fit, read_validation
+from elastid.study import load
+from elastid.validation.comparison import Comparison
+from elastid.validation.results import Validation
+
+
+def run(
+    study: Path | str, folder: Path | str | None = None, *, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+) -> FinishedRun:
+    """All stages of a study, as `elastid run` does it: those whose inputs have not changed keep their results.
+
+    folder: of the run, default runs/<name>.  set: keys that take the place of the study's, such as "fit.starts=4".
+    jobs: processes; more than one in a script need its `if __name__ == "__main__":`.  verbosity: -2 nothing, -1
+    warnings, 0 a line a stage, 1 every detail.  A misfit is no error here: `result.status` says it.
+    Raises StudyError with the place of every error in the study, DataError for logs, FitError where nothing was found.
+    """
+    loaded = load(study, set)
+    run = Run(loaded, Path(folder or Path("runs") / loaded.study.name), jobs, Console(verbosity))
+    try:
+        run_all(run)
+    except FitError:
+        if not all(run.is_current(stage) for stage in run.stages):
+            raise
+    return FinishedRun(run)
+
+
+@dataclass(frozen=True, repr=False)
+class FinishedRun:
+    """A study whose stages are done; its values are read from the folder of the run when they are asked for.
+
+    StudyError for a value that this kind of study does not have.
+    """
+
+    run: Run
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The study, its folder and the files there."""
+        rows = [(stage, self.run.folder / row.leaves[0]) for stage, row in self.run.stages.items()]
+        return Display(f"Study {self.run.study.name}", ("stage", "result"), [(s, str(path)) for s, path in rows])
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The records, logs mended."""
+        return tuple(read_records(self._path("measure")))
+
+    @property
+    def responses(self) -> Responses:
+        """The responses, one a configuration: responses["folded"]["motor 1", "motor 2"]."""
+        return read_responses(self._path("estimate"))
+
+    @property
+    def result(self) -> FitResult | FrictionResult:
+        """The elastic parameters, or those of friction, with intervals and status."""
+        if self.run.study.friction is not None:
+            return read_friction_result(self._path("friction"))
+        return read_fit(self._path("fit"))
+
+    @property
+    def validation(self) -> Validation:
+        """The agreement on all configurations, those left out among them."""
+        return read_validation(self._path("validate"))
+
+    @property
+    def report(self) -> Path:
+        """The page of the run."""
+        return self._path("report")
+
+    def export(self, target: str, count: int = 1000) -> tuple[Path, ...]:
+        """The files of `elastid export --to target`; count: of draws."""
+        return export(self.run, target, count)
+
+    def compare(self, *further: Path | str) -> Comparison:
+        """The ranking of `elastid compare` over left-out configurations; further: studies of other models."""
+        return compare(self.run, [load(study) for study in further])
+
+    def again(self, stage: str) -> FinishedRun:
+        """One stage once more, current or not, as `elastid <stage>` does it: `again("report")`."""
+        run_stage(self.run, stage)
+        return self
+
+    def _path(self, stage: str) -> Path:
+        self.run.require_stage(stage)
+        return self.run.path(stage)

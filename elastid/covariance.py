@@ -1,0 +1,86 @@
+"""Covariance of a frequency response at each line, in the form that the data support."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.display import Display, as_html, as_text
+
+CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
+
+
+@frozen_value
+class Covariance:
+    """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
+
+    full:       matrix (F, n_y n_u, n_y n_u) Hermitian
+    kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
+    diagonal:   the others are None; variance (F, n_y, n_u) only.
+    variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
+    variance scatters by 1 / sqrt(dof) of itself.
+    """
+
+    variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
+    dof: float = labelled("complex: the variance scatters by 1 / sqrt(dof) of itself")
+    left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
+    right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
+    matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
+
+    def __post_init__(self) -> None:
+        """Refuse negative or non-finite variances."""
+        if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
+            raise ValueError("a variance is negative or not finite")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Form, size and degrees of freedom."""
+        lines, n_y, n_u = self.variance.shape
+        return Display(f"Covariance of {n_y} x {n_u} at {lines} lines: {self.form}, {self.dof:.4g} degrees of freedom")
+
+    @property
+    def form(self) -> CovarianceForm:
+        """The form, by the factors that are known."""
+        if self.matrix is not None:
+            return "full"
+        return "diagonal" if self.left is None else "kronecker"
+
+    def full(self) -> ComplexArray:
+        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
+        F, n_y, n_u = self.variance.shape
+        if self.matrix is not None:
+            return self.matrix
+        if self.left is not None and self.right is not None:
+            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
+        diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
+        return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
+
+    def lines(self, keep: BoolArray) -> Covariance:
+        """The same on some of its lines; keep (F,) is True where a line stays."""
+        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
+        return Covariance(self.variance[keep], self.dof, left, right, matrix)
+
+    def elements(self, rows: Sequence[int], columns: Sequence[int]) -> Covariance:
+        """The same of some outputs and inputs, by their indices."""
+        n_y = self.variance.shape[1]
+        of_vec = [i + n_y * j for j in columns for i in rows]
+
+        def block(part: ComplexArray | None, kept: Sequence[int]) -> ComplexArray | None:
+            return None if part is None else part[:, kept][:, :, kept]
+
+        left, right = block(self.left, columns), block(self.right, rows)
+        return Covariance(self.variance[:, rows][:, :, columns], self.dof, left, right, block(self.matrix, of_vec))
+
+
+def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
+    """The covariance of a response times a gain with |gain|^2 = power (F, 1, 1)."""
+    if covariance is None:
+        return None
+    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
+    return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)
