@@ -21,7 +21,7 @@ import click
 from elastid import __version__
 from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
 if TYPE_CHECKING:
@@ -340,11 +340,19 @@ def inspect(file: Path) -> None:
 def explain(key: str | None) -> None:
     """Say what a key of a study means and when to change it: `elastid explain fit.criterion`; without KEY, list all.
 
-    The list has the sections of a study, in its order.
+    The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
+    the keys, and the arrays in results, that have it in their text.
     """
     from elastid.study import reference
 
-    click.echo(printable(reference.overview() if key is None else reference.explain(key)))
+    try:
+        click.echo(printable(reference.overview() if key is None else reference.explain(key)))
+    except StudyError:
+        from elastid.study.words import explain_word  # looks through results, whose classes take long to load
+
+        if not (key and key.isalpha() and (found := explain_word(key))):
+            raise
+        click.echo(printable(found))
 
 
 @cli.command()

@@ -265,7 +265,8 @@ def _default(value: Any) -> str:
     return "{}" if is_dataclass(value) or value == {} else str(value)
 
 
-def _all_keys() -> Iterator[StudyKey]:
+def every_key() -> Iterator[StudyKey]:
+    """Every key of a study, of a robot's file and of a fleet's."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
     yield from keys_below(FleetSpec, "fleet.")
@@ -273,7 +274,7 @@ def _all_keys() -> Iterator[StudyKey]:
 
 def _matching(asked: str) -> Iterator[StudyKey]:
     """The keys of that path, or else those whose path ends so, each path once; of a name the mapping that holds it."""
-    keys = {key.path: key for key in _all_keys()}.values()
+    keys = {key.path: key for key in every_key()}.values()
     wanted = _steps(asked)
     if any(_begins(_steps(key.path), wanted) and _steps(key.path)[len(wanted) - 1] == "<name>" for key in keys):
         wanted = wanted[:-1]
@@ -283,7 +284,7 @@ def _matching(asked: str) -> Iterator[StudyKey]:
 
 def _nearest(asked: str) -> str:
     """The end of a message: the nearest key where the path stops to exist, or of a single word the nearest of all."""
-    steps, paths = _steps(asked), [_steps(key.path) for key in _all_keys()]
+    steps, paths = _steps(asked), [_steps(key.path) for key in every_key()]
     known = max(range(len(steps)), key=lambda n: (any(_begins(path, steps[:n]) for path in paths), n))
     siblings = dict.fromkeys(path[known] for path in paths if _begins(path, steps[:known]))
     parent = "".join(f"{step}." for step in steps[:known])
