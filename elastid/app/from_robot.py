@@ -1,0 +1,120 @@
+"""`elastid new DIR --from robot.urdf`: a commented study of a simulated measurement of that robot, which runs at once.
+
+The rigid part is the file's. Motors, gears and the excitation are in no such file: they are guessed from the inertia at
+each joint, and marked so, as a start that data sheets take the place of.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.escape import file_name, one_line
+from elastid.model.formulation import formulate
+from elastid.robot import Joint, Motor, Robot
+from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
+from elastid.study import SCHEMA_NAME
+
+# Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
+_RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
+# Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
+_ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
+_POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
+
+
+def texts_from_urdf(path: Path) -> dict[str, str]:
+    """study.yml, robot.yml and the URDF, by name; StudyError with file and line where it cannot be read as a robot."""
+    if not path.is_file():
+        raise StudyError(f"{path}: no such file")
+    root = read_elements(path)
+    moving = [joint.name for joint in root.all("joint") if joint.attributes.get("type") != "fixed"]
+    if not moving:
+        raise root.wrong("no joint moves; an elastic robot has driven ones")
+    # Rotors without inertia leave the links' alone in the mass matrix.
+    rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(inertia=1e-300)) for name in moving}).robot(path.parent)
+    postures = _postures(rigid.driven)
+    inertia = _inertia_at_joints(rigid, postures)
+    return {
+        "study.yml": _study(rigid, postures, inertia),
+        "robot.yml": _robot(rigid, path.name, inertia),
+        path.name: path.read_text(encoding="utf-8"),
+    }
+
+
+def _postures(joints: Sequence[Joint]) -> FloatArray:
+    """Angles (Q, n_u), drawn in the middle of each joint's limits."""
+    rng = np.random.default_rng(0)
+    reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
+    low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
+    half = np.minimum(0.3 * (high - low), reach)
+    return np.asarray(np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES, len(joints))), 2))
+
+
+def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
+    """What each motor accelerates with all others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
+    model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
+    return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
+
+
+def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
+    """robot.yml: the URDF, and of each moving joint a motor and a gear."""
+    joints = []
+    for joint, of_links in zip(robot.driven, inertia.tolist(), strict=True):
+        ratio = 1.0 if joint.motion == "translation" else _RATIO
+        k = of_links * (2 * math.pi * _HELD_HZ) ** 2
+        d = 2 * _DAMPING * math.sqrt(k * of_links)
+        joints.append(
+            f"  {json.dumps(joint.name)}:\n"
+            f"    motor: {{inertia: {of_links / ratio**2:.2g}, ratio: {ratio:g}}} # guessed\n"
+            f"    spring: {{stiffness: {k:.2g}, damping: {d:.2g}}} # guessed\n"
+        )
+    return f"""\
+# The rigid part is that of the URDF. All numbers below are guesses: put those of the data sheets in their place.
+# Motors have as much inertia as the links behind them, gears of {_RATIO:g} : 1 swing at {_HELD_HZ:g} Hz, motor held.
+# Bearings and links bend, too: `elastic: [{{name: 1x, axis: x, spring: {{stiffness: 1e6, damping: 1e3}}}}]` at a joint.
+urdf: {json.dumps(urdf)}
+joints:
+{"".join(joints)}"""
+
+
+def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
+    """study.yml: a simulated measurement, from excitation to validation."""
+    limits = [joint.limits.torque for joint in robot.driven]
+    rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
+    rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
+    configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
+    return f"""\
+# yaml-language-server: $schema={SCHEMA_NAME}
+# A rehearsal of the identification of {one_line(robot.name)}, simulated, so that it runs at once.
+# What is guessed is marked, as motors and gears in robot.yml are. `elastid explain KEY` says what a key means.
+name: {json.dumps(file_name(robot.name))}
+seed: 1
+robot: robot.yml
+excitation:
+  rate_hz: 500 # guessed: that of your controller
+  period: 4 s
+  band_hz: [2, 60] # guessed: around the first resonances
+  grid: odd
+  # guessed: {_ACCELERATION:g} rad/s^2 rms, or {100 * _PART_OF_LIMIT:g} % of the limit of torque
+  torque_rms: [{", ".join(f"{value:.2g}" for value in rms)}]
+experiment:
+  # drawn inside the limits of the joints; look whether your cell has room for them
+  configurations:
+{configurations}  realisations: 2
+  periods: 2
+  transient_periods: 1
+  # On the robot: `recorded` in place of `simulated`, or `elastid new DIR --from LOG ...` once there are logs.
+  simulated:
+    noise: {{torque_std: {rms.min() / 100:.2g}, encoder_counts: 1048576}} # guessed
+fit:
+  starts: 8
+  parameters: {{k_*: {{}}, d_*: {{}}}}
+validation:
+  left_out: [posture {len(postures)}]
+"""

@@ -1,0 +1,67 @@
+"""`elastid new --from robot.urdf`: a study that checks, guesses by the inertia, and faults by their line."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from elastid.app.cli import run_command
+from elastid.study import load
+from tests.robot.test_urdf import written
+
+ARM = """<robot name="two \\n#link arm">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 0.4"/><mass value="40"/>
+  <inertia ixx="3" iyy="3" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.3 0 0"/><mass value="25"/>
+  <inertia ixx="0.3" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+  <limit lower="-2" upper="1.5" velocity="3" effort="900"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0 0 0.8"/>
+  <axis xyz="0 1 0"/></joint>
+</robot>
+"""
+
+
+def made(urdf: str, folder: Path) -> int:
+    (folder / "arm.urdf").write_text(urdf)
+    return run_command(["new", str(folder / "new"), "--from", str(folder / "arm.urdf")])
+
+
+def test_gears_are_guessed_by_the_inertia_that_they_drive(tmp_path: Path) -> None:
+    """Of the last joint it does not depend on the posture: I + m c^2."""
+    assert made(ARM, tmp_path) == 0
+    assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
+    study = load(tmp_path / "new" / "study.yml").study
+    elbow = study.robot.driven[1]
+    inertia = 1.0 + 25 * 0.3**2
+    assert elbow.spring.stiffness == pytest.approx(inertia * (2 * math.pi * 15) ** 2, rel=0.05)
+    assert elbow.motor.inertia * elbow.motor.ratio**2 == pytest.approx(inertia, rel=0.05)
+    assert all(-2 < angles[0] < 1.5 for angles in study.experiment.configurations.values())
+    assert study.excitation.torque_rms[0] <= 0.2 * 900
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_study_of_any_tree_checks(seed: int, tmp_path: Path) -> None:
+    urdf, moving = written(seed)
+    assert made(urdf, tmp_path) == 0
+    assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
+    assert {joint.name for joint in load(tmp_path / "new" / "study.yml").study.robot.driven} == {*moving}
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (('type="continuous"', 'type="floating"'), "arm.urdf:9: joint elbow: a joint of type floating"),
+        (('type="revolute"', 'type="fixed"'), ""),
+        (("</robot>", ""), "not XML"),
+        (('link="fore"/><origin', 'link="hand"/><origin'), "no link is called hand"),
+    ],
+)
+def test_a_file_that_is_no_robot_is_refused_with_its_line(
+    change: tuple[str, str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = made(ARM.replace(*change), tmp_path)
+    assert done == (2 if says else 0)
+    assert says in capsys.readouterr().err
+    assert (tmp_path / "new").exists() == (not says)
