@@ -1,4 +1,4 @@
-"""`elastid new DIR --from robot.urdf`: a commented study of a simulated measurement of that robot, which runs at once.
+"""`elastid new DIR --from robot.urdf`, or an MJCF file: a commented study of a simulated measurement that runs at once.
 
 The rigid part is the file's. Motors, gears and the excitation are in no such file: they are guessed from the inertia at
 each joint, and marked so, as a start that data sheets take the place of.
@@ -9,35 +9,91 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from elastid.app.from_mjcf import read_mjcf
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, one_line
 from elastid.model.formulation import formulate
-from elastid.robot import Joint, Motor, Robot
+from elastid.robot import Joint, Motor, Robot, Spring
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.study import SCHEMA_NAME
+from elastid.study.robots import robot_text
 
 # Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
 # Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
 _ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
+_NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
 
 
-def texts_from_urdf(path: Path) -> dict[str, str]:
-    """study.yml, robot.yml and the URDF, by name; StudyError with file and line where it cannot be read as a robot."""
+def texts_from_robot(path: Path) -> dict[str, str]:
+    """study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where no robot can be read."""
     if not path.is_file():
         raise StudyError(f"{path}: no such file")
+    return _texts_from_urdf(path) if path.suffix.lower() == ".urdf" else _texts_from_mjcf(path)
+
+
+def _texts_from_mjcf(path: Path) -> dict[str, str]:
+    robot, left_out = read_mjcf(path)
+    if not robot.driven:
+        raise StudyError(f"{path}: nothing drives a joint; give it actuators")
+    postures = _postures(robot.driven)
+    inertia = _inertia_at_joints(_without_drives(robot), postures)
+    of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
+    bodies = tuple(
+        replace(body, joints=tuple(_with_drive(joint, of_driven.get(joint.name, 0.0)) for joint in body.joints))
+        for body in robot.bodies
+    )
+    guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
+    rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
+    comments = (
+        f"Compiled by MuJoCo from {path.name}.",
+        f"Guessed: the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors}.",
+        *(f"Not taken over: {what}." for what in left_out),
+    )
+    return {
+        "study.yml": _study(robot, postures, inertia),
+        "robot.yml": robot_text(replace(robot, bodies=bodies), comments),
+    }
+
+
+def _without_drives(robot: Robot) -> Robot:
+    """The links alone: rotors without inertia, and no joint that only a spring holds."""
+    bodies = (
+        replace(body, joints=tuple(replace(joint, motor=Motor(_NO_ROTOR)) for joint in body.joints if joint.motor))
+        for body in robot.bodies
+    )
+    return replace(robot, bodies=tuple(bodies))
+
+
+def _with_drive(joint: Joint, of_links: float) -> Joint:
+    """A driven joint with a guessed gear, and a rotor where its file has none."""
+    if joint.motor is None:
+        return joint
+    spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
+    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
+    return replace(joint, motor=replace(joint.motor, inertia=rotor), spring=spring)
+
+
+def _gear(of_links: float) -> tuple[float, float]:
+    """Stiffness and damping, to two digits, of a gear that swings with the inertia of its links."""
+    k = of_links * (2 * math.pi * _HELD_HZ) ** 2
+    return float(f"{k:.2g}"), float(f"{2 * _DAMPING * math.sqrt(k * of_links):.2g}")
+
+
+def _texts_from_urdf(path: Path) -> dict[str, str]:
     root = read_elements(path)
     moving = [joint.name for joint in root.all("joint") if joint.attributes.get("type") != "fixed"]
     if not moving:
         raise root.wrong("no joint moves; an elastic robot has driven ones")
     # Rotors without inertia leave the links' alone in the mass matrix.
-    rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(inertia=1e-300)) for name in moving}).robot(path.parent)
+    rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(_NO_ROTOR)) for name in moving}).robot(path.parent)
     postures = _postures(rigid.driven)
     inertia = _inertia_at_joints(rigid, postures)
     return {
@@ -67,12 +123,11 @@ def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
     joints = []
     for joint, of_links in zip(robot.driven, inertia.tolist(), strict=True):
         ratio = 1.0 if joint.motion == "translation" else _RATIO
-        k = of_links * (2 * math.pi * _HELD_HZ) ** 2
-        d = 2 * _DAMPING * math.sqrt(k * of_links)
+        k, d = _gear(of_links)
         joints.append(
             f"  {json.dumps(joint.name)}:\n"
             f"    motor: {{inertia: {of_links / ratio**2:.2g}, ratio: {ratio:g}}} # guessed\n"
-            f"    spring: {{stiffness: {k:.2g}, damping: {d:.2g}}} # guessed\n"
+            f"    spring: {{stiffness: {k:g}, damping: {d:g}}} # guessed\n"
         )
     return f"""\
 # The rigid part is that of the URDF. All numbers below are guesses: put those of the data sheets in their place.

@@ -33,7 +33,7 @@ def new(folder: Path, template: str) -> Path:
 
 
 def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ()) -> Path:
-    """A new folder with a study of logs, or of one URDF, guessed, its robot where it needs one; the study's path.
+    """A new folder with a study of logs, or of a URDF or MJCF file, guessed, its robot where it needs one; its path.
 
     more: those behind the first `--from`.  Raises StudyError where there is none such, or the folder holds anything
     already, and what `texts_from_logs` raises.
@@ -41,10 +41,10 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
     if not logs:
         raise StudyError(f"a study has one folder; where {more[0]} is a log write --from before it")
     _check_new(folder)
-    if [path.suffix.lower() for path in (*logs, *more)] == [".urdf"]:
-        from elastid.app.from_robot import texts_from_urdf
+    if not more and logs[0].suffix.lower() in (".urdf", ".xml", ".mjcf"):
+        from elastid.app.from_robot import texts_from_robot
 
-        return _write(folder, texts_from_urdf(logs[0]))
+        return _write(folder, texts_from_robot(logs[0]))
     from elastid.app.from_log import texts_from_logs
 
     return _write(folder, texts_from_logs(folder, (*logs, *more)))

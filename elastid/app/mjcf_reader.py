@@ -1,0 +1,88 @@
+"""A process of its own that compiles an MJCF file with MuJoCo and prints its bodies, joints and sites as JSON.
+
+    python -m elastid.app.mjcf_reader FILE
+
+MuJoCo trusts the file, which may name any other and ask for any amount of memory; so it works apart, within limits.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from typing import Any
+
+MEMORY_BYTES = 4 << 30
+
+
+def compiled(path: str) -> dict[str, Any]:
+    """What a robot takes from the compiled model; everything in MuJoCo's units, angles in rad."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    name_of = mujoco.mj_id2name
+
+    def named(kind: Any, i: int, default: str) -> str:
+        return name_of(model, kind, i) or f"{default} {i}"
+
+    bodies = [
+        {
+            "name": named(mujoco.mjtObj.mjOBJ_BODY, i, "body"),
+            "parent": int(model.body_parentid[i]),
+            "joints": list(range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])),
+            **{key: getattr(model, f"body_{key}")[i].tolist() for key in ("pos", "quat", "ipos", "iquat", "inertia")},
+            "mass": float(model.body_mass[i]),
+        }
+        for i in range(1, model.nbody)
+    ]
+    joints = []
+    for i in range(model.njnt):
+        address, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
+        gears = [
+            float(model.actuator_gear[a, 0])
+            for a in range(model.nu)
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[a, 0] == i
+        ]
+        joints.append(
+            {
+                "name": named(mujoco.mjtObj.mjOBJ_JOINT, i, "joint"),
+                "type": mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower(),
+                "axis": model.jnt_axis[i].tolist(),
+                "pos": model.jnt_pos[i].tolist(),
+                "range": model.jnt_range[i].tolist() if model.jnt_limited[i] else None,
+                "force": model.jnt_actfrcrange[i].tolist() if model.jnt_actfrclimited[i] else None,
+                "stiffness": float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0,
+                "reference": float(model.qpos0[address]),
+                "armature": float(model.dof_armature[dof]),
+                "damping": float(model.dof_damping.reshape(model.nv, -1)[dof, 0]),
+                "friction": float(model.dof_frictionloss[dof]),
+                "gears": gears,
+            }
+        )
+    sites = [
+        {
+            "name": named(mujoco.mjtObj.mjOBJ_SITE, i, "site"),
+            "body": int(model.site_bodyid[i]),
+            **{key: getattr(model, f"site_{key}")[i].tolist() for key in ("pos", "quat")},
+        }
+        for i in range(model.nsite)
+    ]
+    left_out = {"equality constraint": model.neq, "tendon": model.ntendon}
+    name = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
+    return {
+        "name": name, "gravity": model.opt.gravity.tolist(), "bodies": bodies, "joints": joints, "sites": sites,
+        "left_out": {key: int(count) for key, count in left_out.items() if count},
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    with suppress(ImportError, ValueError, OSError):  # no such limits on this system
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    try:
+        json.dump({"model": compiled(sys.argv[1])}, sys.stdout)
+    except ImportError:
+        json.dump({"lacks": "mujoco"}, sys.stdout)
+    except (ValueError, MemoryError) as error:
+        json.dump({"wrong": str(error)}, sys.stdout)

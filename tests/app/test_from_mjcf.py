@@ -1,0 +1,101 @@
+"""Robots of MJCF files: against MuJoCo's own dynamics, and files that are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app.cli import run_command
+from elastid.app.from_mjcf import read_mjcf
+from elastid.base.errors import StudyError
+from elastid.model.formulation import serial
+from elastid.model.kinematics import frame_poses
+from elastid.model.rigid_body import inverse_dynamics
+from elastid.study import load
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is in the group 'oracles'")
+
+ARM = """
+<mujoco model="crane">
+<option gravity="0.5 0 -9.81"/>
+<worldbody>
+  <body name="rail" pos="0 0.2 0.3" euler="0 0 40">
+    <joint name="x" type="slide" axis="1 0.2 0" range="-1 1" limited="true" damping="4"/>
+    <geom type="box" size=".2 .3 .1" pos=".1 0 .05" euler="10 20 30"/>
+    <body name="upper" pos="0 0 .4" quat="0.8 0.2 0.5 0.1">
+      <joint name="turn" axis="0 0 1" pos=".02 0 0" armature="12" ref="20"/>
+      <joint name="bend" axis="0 1 0" pos="0 .03 .01" stiffness="40000" damping="30"/>
+      <geom type="capsule" size=".08" fromto="0 0 0 .1 0 .8"/>
+      <body name="plate" pos="0 0 .8"><geom type="box" size=".1 .1 .02"/>
+        <body name="fore"><joint name="lift" axis="0 1 0"/><geom type="ellipsoid" size=".3 .1 .05" pos=".3 0 .02"/>
+          <site name="tool" pos=".6 .1 0" euler="0 90 0"/></body></body>
+    </body>
+  </body>
+</worldbody>
+<actuator>
+  <motor name="a" joint="x"/><motor name="b" joint="turn" gear="-60"/><position name="c" joint="lift" kp="10"/>
+</actuator>
+</mujoco>
+"""
+
+
+def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
+    """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
+    path = tmp_path / "crane.xml"
+    path.write_text(ARM)
+    robot, left_out = read_mjcf(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.dof_armature[:], model.dof_damping[:], model.jnt_stiffness[:] = 0, 0, 0
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    assert [joint.name for joint in robot.joints] == ["x", "turn", "bend", "lift"]
+    assert [joint.name for joint in robot.driven] == ["x", "turn", "lift"]
+    ours, theta = serial(robot), serial(robot).theta.copy()
+    for i, name in enumerate(ours.parameters):  # the links alone
+        theta[i] = 0.0 if name.startswith(("Jm_", "f_", "k_", "d_")) else theta[i]
+    q, v, a = rng.normal(size=(3, 4))
+    data.qpos[:], data.qvel[:], data.qacc[:] = q + model.qpos0, v, a
+    mujoco.mj_inverse(model, data)
+    expected = np.zeros((4, 4))
+    mujoco.mj_fullM(model, data, expected) if _takes_data() else mujoco.mj_fullM(model, expected, data.qM)
+    np.testing.assert_allclose(ours.mass(q, theta).full(), expected, atol=1e-10 * np.abs(expected).max())
+    torque = inverse_dynamics(robot)(q, v, a, theta).full()[:, 0]
+    np.testing.assert_allclose(torque, data.qfrc_inverse, atol=1e-9 * np.abs(data.qfrc_inverse).max())
+    mujoco.mj_kinematics(model, data)
+    pose = frame_poses(robot, q[None], "tool")
+    np.testing.assert_allclose(pose.position[0], data.site("tool").xpos, atol=1e-12)
+    np.testing.assert_allclose(pose.rotation[0].ravel(), data.site("tool").xmat, atol=1e-12)
+    turn = robot.driven[1].motor
+    assert turn is not None
+    assert turn.inertia * turn.ratio**2 == pytest.approx(12.0)
+    assert turn.ratio == -60.0
+    assert left_out == ()
+
+
+def _takes_data() -> bool:
+    """From release 3.4 on mj_fullM takes the data."""
+    return "data" in (mujoco.mj_fullM.__doc__ or "").partition("->")[0].lower().replace("mjdata", "data")
+
+
+def test_a_study_of_it_checks(tmp_path: Path) -> None:
+    (tmp_path / "crane.xml").write_text(ARM)
+    assert run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "crane.xml")]) == 0
+    assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
+    robot = load(tmp_path / "new" / "study.yml").study.as_robot()
+    assert all(joint.spring is not None for joint in robot.driven)
+    assert "motors of x, lift, with as much inertia" in (tmp_path / "new" / "robot.yml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("<worldbody>", "<worldbody><body name='free'><freejoint/><geom size='.1'/></body>"), "is of type free"),
+        (("</worldbody>", ""), "MuJoCo does not take it: XML parse error"),
+        (('joint="turn" gear', 'joint="twist" gear'), "MuJoCo does not take it: Error: unknown"),
+    ],
+)
+def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, tmp_path: Path) -> None:
+    path = tmp_path / "crane.xml"
+    path.write_text(ARM.replace(*change))
+    with pytest.raises(StudyError, match=says):
+        read_mjcf(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["crane.xml"]
