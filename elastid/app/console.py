@@ -75,10 +75,11 @@ class Console:
         if self.verbosity >= -1:
             print(f"warning: {printable(text)}", file=sys.stderr, flush=True)
 
-    def notes(self, notes: Iterable[Note]) -> None:
-        """Notes on data, plan or result, the same from many places as one line."""
+    def notes(self, notes: Iterable[Note], on_page: bool = False) -> None:
+        """Notes on data, plan or result, the same from many places as one line; on_page: the page shows them, too."""
         for group in grouped(notes):
-            (self.warn if group.first.severity == "warning" else self.say)(str(group))
+            say = self.detail if on_page else self.say
+            (self.warn if group.first.severity == "warning" else say)(str(group))
 
     def log(self, text: str) -> None:
         """How the work ended, for the log alone; the command prints it on the terminal."""

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.display import number, percent
+from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult
 from elastid.report.content import ParameterRow, ReportContent
 from elastid.validation.residual_tests import FALSE_ALARM
@@ -207,15 +208,15 @@ class Action:
     text: str = ""
 
 
-def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[Action, ...]:
+def next_steps(result: FitResult, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
     """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number.
 
     More experiments do not narrow an interval that holds an error of the model.
     """
-    result, poor = content.result, widest(rows)
+    poor = widest(rows)
     candidates = [_action_of_status(result), _of_residuals(result)]
     if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
-        candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(content, poor)]
+        candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(result, plan, poor)]
     actions = [action for action in candidates if action is not None]
     none_needed = Action("Use the numbers.", "No interval or residual asks for another measurement.")
     return tuple(actions[: ADVICE.actions] or [none_needed])
@@ -276,8 +277,7 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
     )
 
 
-def _of_experiments(content: ReportContent, poor: ParameterRow) -> Action | None:
-    result = content.result
+def _of_experiments(result: FitResult, plan: Plan | None, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
     if not result.share.size or not np.isfinite(result.share[:, column]).any():
         return None
@@ -285,14 +285,14 @@ def _of_experiments(content: ReportContent, poor: ParameterRow) -> Action | None
     share, name = float(result.share[q, column]), result.configurations[q]
     before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
     return Action(
-        f"Measure twice as long in “{name}”{_realisations(content, name)}.",
+        f"Measure twice as long in “{name}”{_realisations(plan, name)}.",
         f"It holds {percent(share)} of the information on {poor.name}: ±{before} would become ±{after}.",
     )
 
 
-def _realisations(content: ReportContent, name: str) -> str:
-    if content.plan is None:
+def _realisations(plan: Plan | None, name: str) -> str:
+    if plan is None:
         return ""
-    names = [configuration.name for configuration in content.plan.configurations]
-    count = dict(zip(names, content.plan.realisations, strict=True)).get(name)
+    names = [configuration.name for configuration in plan.configurations]
+    count = dict(zip(names, plan.realisations, strict=True)).get(name)
     return "" if count is None else f" ({2 * count} realisations instead of {count})"

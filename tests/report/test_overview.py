@@ -64,7 +64,7 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     r[0, 1] = r[1, 0] = -0.99
     covariance = r * np.outer(std, std)
     result = replace(result, covariance=covariance, status="converged")
-    found = next_steps(report_content(result=result), rows_of(result))
+    found = next_steps(result, rows_of(result), report_content(result=result).plan)
     prior = next(action for action in found if "prior" in action.what)
     e = np.eye(4)[0]
     posterior = np.linalg.inv(np.linalg.inv(covariance) + np.outer(e, e) / ADVICE.prior_std**2)
@@ -80,7 +80,7 @@ def test_answers_do_not_contradict_the_status():
     content, rows = report_content(result=result), rows_of(result)
     assert "known to" not in verdict_sentence(result, rows)
     assert numbers_answer(result, rows).startswith("Not yet: ")
-    actions = next_steps(content, rows)
+    actions = next_steps(result, rows, content.plan)
     assert [action.text for action in actions] == ["elastid compare STUDY --search"]
     assert residual_sentence(result, content.validation.configurations).startswith("The residuals exceed the noise")
     held = replace(result, status="converged", cost=100.0)

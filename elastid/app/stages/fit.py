@@ -23,9 +23,10 @@ from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, parameter_rows
+from elastid.report.overview import next_steps, numbers_answer, residual_sentence, verdict_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit, write_fit
+from elastid.store.results import read_fit, read_validation, write_fit
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
@@ -68,7 +69,7 @@ def fit(
     content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        console.notes(result.notes)
+        console.notes(result.notes, on_page=True)
         console.say(f"fit: {result.message}")
 
     names = [response.configuration.name for response in responses]
@@ -86,7 +87,7 @@ def _parameter_rows(
 
 
 def conclude(run: Run) -> None:
-    """Show the parameters, the files, and in the last line the meaning of the status and the next step.
+    """Show the parameters, three answers as on the page, the files, and in the last line the meaning of the status.
 
     MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
     """
@@ -98,15 +99,26 @@ def conclude(run: Run) -> None:
     run.console.table(parameter_table(rows))
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
-    for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
-        if path.exists():
-            run.console.say(str(path))
+    for line in _answers(run, result, rows):
+        run.console.say(line)
+    files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
+    run.console.say(", ".join(str(path) for path in files if path.exists()))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
     run.console.say(f"{status}: {meaning}")
+
+
+def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Iterator[str]:
+    """How good the numbers are, where the model fails, what to do next; a page has the details."""
+    judged = read_validation(run.path("validate")).configurations if run.is_current("validate") else ()
+    sentence = verdict_sentence(result, rows, judged)
+    yield f"Are the numbers good? {numbers_answer(result, rows)} {sentence[:1].upper()}{sentence[1:]}."
+    yield f"Where does the model fail? {residual_sentence(result, judged)}"
+    step = next_steps(result, rows)[0]
+    yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))
 
 
 def _robot_files(

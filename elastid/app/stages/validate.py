@@ -94,13 +94,12 @@ def validate(
     balances = twin.balances
 
     def report(console: Console) -> None:
-        for words in (judged.verdict, judged.folded, judged.cost, judged.replayed):
-            if words:
-                console.say(f"validate: {words}")
+        console.say(f"validate: {judged.verdict}")
+        further = [judged.folded, judged.cost, judged.replayed]
         if balances:
-            console.say(f"validate: {describe_balance(max(balances, key=lambda balance: balance.left))}")
-        for words in twin.run_words:
-            console.say(f"validate: {words}")
+            further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
+        for words in filter(None, (*further, *twin.run_words)):
+            console.detail(f"validate: {words}")
 
     return Artefacts(
         {
