@@ -36,6 +36,7 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, with_floor
 from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
@@ -58,18 +59,20 @@ def identify(
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
     parameters: ParameterSet | None = None,
+    loads: Sequence[PlacedTest] = (),
 ) -> FitResult:
-    """The parameters of `robot` that explain the responses of all configurations.
+    """The parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
-    parameters: those of `choose` if None, else these in place of spec.parameters.
+    parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
+    (`placed`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters)
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
@@ -77,8 +80,9 @@ def identify(
             # A gross fault bends the numbers of the file, too, and is named less surely from there.
             held = replace(robot, tolerances=None)
             return identify(
-                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters
-            )
+                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters,
+                loads=loads,
+            )  # fmt: skip
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))
@@ -102,6 +106,7 @@ def _search(
     model: ModelSpec,
     execution: Execution,
     parameters: ParameterSet | None = None,
+    loads: Sequence[PlacedTest] = (),
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
     """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
@@ -111,7 +116,7 @@ def _search(
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
-    assembly = Assembly.of(responses, robot, searched, parameters, model)
+    assembly = Assembly.of(responses, robot, searched, parameters, model, loads)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
@@ -127,7 +132,7 @@ def _search(
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
     if has_tolerances(robot):
-        assembly, fit, starts = release(assembly, starts, robot)
+        assembly, fit, starts = release(assembly, starts, robot, loads)
     return assembly, fit, starts, hits
 
 
