@@ -23,6 +23,7 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
+from elastid.fit.diagnosis.static_loads import static_notes, with_static_agreement
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
@@ -53,6 +54,8 @@ def judge(
         # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
         indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
         evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
+    result = with_static_agreement(evidence.result, optimum.fit, optimum.end.x)
+    evidence = replace(evidence, result=result)
     return replace(evidence, result=with_status(evidence))
 
 
@@ -67,5 +70,6 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
+    static = static_notes(result)
     of_families = (note for family_notes in by_family.values() for note in family_notes)
-    return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))
+    return replace(result, notes=(*of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable))
