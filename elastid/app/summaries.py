@@ -75,7 +75,7 @@ def section(value: Any, names: str) -> dict[str, Any]:
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
-    numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
+    numbers: dict[str, Any] = {"static_loads": None, "cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
     rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 
@@ -119,11 +119,21 @@ def summary(
             | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
             for part in result.rigid_parts
         ],
+        "static_loads": _static_loads(result),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
         "notes": _notes(every),
     }
+
+
+def _static_loads(result: FitResult) -> dict[str, Any] | None:
+    """Load tests next to the responses, in m; null without any."""
+    if result.static is None:
+        return None
+    keys = "configuration frame direction measured std fitted by_responses by_responses_std"
+    readings = [section(reading, keys) for reading in result.static.readings]
+    return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
 
 
 def interrupted(
