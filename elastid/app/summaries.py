@@ -131,7 +131,7 @@ def _static_loads(result: FitResult) -> dict[str, Any] | None:
     """Load tests next to the responses, in m; null without any."""
     if result.static is None:
         return None
-    keys = "configuration frame direction measured std fitted by_responses by_responses_std"
+    keys = "configuration frame direction measured std by_responses by_responses_std"
     readings = [section(reading, keys) for reading in result.static.readings]
     return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
 

@@ -13,6 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
 
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
@@ -30,6 +33,7 @@ from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
+from elastid.fit.diagnosis.static_loads import static_agreement
 from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.parameter_choice import choose
@@ -74,7 +78,8 @@ def identify(
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
-        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
             # A gross fault bends the numbers of the file, too, and is named less surely from there.
@@ -91,11 +96,17 @@ def identify(
 
 
 def fit_parameters(
-    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
+    responses: Sequence[FrequencyResponse],
+    robot: Robot,
+    spec: FitSpec,
+    *,
+    model: ModelSpec = EXACT,
+    loads: Sequence[PlacedTest] = (),
 ) -> FitResult:
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
-    assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
+    found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
+    assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
     return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
 
 
@@ -136,6 +147,9 @@ def _search(
     return assembly, fit, starts, hits
 
 
+_Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
+
+
 def _with_found_floor(
     assembly: Assembly,
     spec: FitSpec,
@@ -143,7 +157,7 @@ def _with_found_floor(
     starts: tuple[LocalOptimum, ...],
     hits: int,
     execution: Execution,
-) -> tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]:
+) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
@@ -158,6 +172,26 @@ def _with_found_floor(
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+
+
+def _with_static_agreement(
+    found: _Found, assembly: Assembly, spec: FitSpec, starts: tuple[LocalOptimum, ...], hits: int
+) -> _Found:
+    """The estimate with its load tests compared; where they contradict the responses, that of the responses alone.
+
+    Its covariance then holds the step to the estimate by both.
+    """
+    if assembly.loads is None:
+        return found
+    alone = replace(assembly, loads=None)
+    begin = replace(starts[0], x=found[1].end.x)
+    first = alone.at(begin.x, spec.criterion)
+    of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
+    static, result = static_agreement(assembly.loads, of_responses[3]), of_responses[3]
+    if not static.disagrees:
+        return *found[:3], replace(found[3], static=static)
+    step = found[3].x - result.x
+    return *of_responses[:3], replace(result, static=static, covariance=result.covariance + np.outer(step, step))
 
 
 def _estimate(

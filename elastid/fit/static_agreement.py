@@ -10,7 +10,7 @@ from elastid.base.arrays import labelled
 
 @dataclass(frozen=True)
 class LoadReading:
-    """One reading of a load test: what was measured, and what the fit and the responses alone predict.
+    """One reading of a load test, and the deflection that the responses alone predict.
 
     direction (3,): in the axes of the base.  std: of the reading.  by_responses_std: of that prediction.
     """
@@ -20,7 +20,6 @@ class LoadReading:
     direction: tuple[float, float, float]
     measured: float = labelled("measured deflection", "m")
     std: float = labelled("its standard deviation", "m")
-    fitted: float = labelled("deflection of the fit", "m")
     by_responses: float = labelled("deflection that the responses alone predict", "m")
     by_responses_std: float = labelled("its standard deviation", "m")
 

@@ -23,7 +23,7 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
-from elastid.fit.diagnosis.static_loads import static_notes, with_static_agreement
+from elastid.fit.diagnosis.static_loads import static_notes
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
@@ -54,8 +54,6 @@ def judge(
         # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
         indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
         evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
-    result = with_static_agreement(evidence.result, optimum.fit, optimum.end.x)
-    evidence = replace(evidence, result=result)
     return replace(evidence, result=with_status(evidence))
 
 

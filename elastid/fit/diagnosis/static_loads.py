@@ -1,22 +1,20 @@
-r"""Do static load tests and responses show one stiffness?
+r"""Static load tests against the responses: do both show one stiffness?
 
-With the residuals r of the load tests and their slopes J at the optimum of both, H = A_d + J^T J, the responses alone
-would end at x + dx, and predict the load tests with residuals r_d of covariance S,
+The fit of the responses alone, x with covariance C, predicts the readings with residuals r of covariance S,
 
-.. math:: dx = A_d^{-1} J^T r, \quad r_d = r + J dx, \quad S = 1 + J\, C_d J^T, \qquad
-          T = r_d^T S^{-1} r_d \sim \chi^2, \qquad
-          \rho - 1 = \frac{h^T S^{-1} r_d}{h^T S^{-1} h}, \quad h = W \hat y
+.. math:: S = 1 + J\, C J^T, \qquad T = r^T S^{-1} r \sim \chi^2, \qquad
+          \rho - 1 = \frac{h^T S^{-1} r}{h^T S^{-1} h}, \quad h = W \hat y
 
-C_d: A_d^-1, widened as the intervals of the fit are. Directions that the responses do not reach are left to the load
-tests. Where T or the ratio rho is beyond chance, the cause is the column c, of those below, with the largest drop
-(c^T S^-1 r_d)^2 / c^T S^-1 c: a common factor, a part that does not depend on the load (hysteresis, slack), a base that
-moves or tilts under the dial's stand, one spring.
+Directions that the responses do not reach are left to the load tests. Where T or the ratio rho of the deflections is
+beyond chance, the cause is the column c, of those below, with the largest drop (c^T S^-1 r)^2 / c^T S^-1 c: a common
+factor, a part that does not depend on the load (hysteresis, slack), a base that moves or tilts under the stand of the
+gauge, one spring.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -24,11 +22,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
-from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import FitResult
 from elastid.fit.static_agreement import LoadReading, StaticAgreement
 from elastid.model.kinematics import frame_poses
+from elastid.parameters import ParameterSet
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,9 @@ class LoadLimits:
     """Thresholds of a disagreement.  False alarms of 400 clean fits with load tests: static-stiffness 0."""
 
     tail: float = 1 / 700  # probability of T, and of the ratio, by chance
-    reached: float = 1e-9  # of the information, below which the responses do not reach a direction
+    unreached: float = 30.0  # std of x in a direction that the responses do not reach
     known: float = 1e6  # variance over that of the reading, above which the responses predict nothing
+    share: float = 0.3  # of T beyond its degrees of freedom, that a cause must explain
     alternative: float = 6.0  # drop of V within which a further cause is named
 
 
@@ -47,112 +46,89 @@ Words: TypeAlias = Callable[[float], str]  # of a cause by its size
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """r_d (n,), S^-1 (n, n), W y (n,) of the responses alone; step dx (n_x,); std (n,) of their predictions."""
+    """Of the responses alone: residuals r (n,), S^-1 (n, n), J (n, n_x), y (n,) in m and the std (n,) of that."""
 
+    loads: StaticLoads
+    parameters: ParameterSet
     residual: FloatArray
     weight: FloatArray
+    J: FloatArray
     predicted: FloatArray
-    step: FloatArray
     std: FloatArray
-    chi_square: float
     dof: int
+
+    @property
+    def chi_square(self) -> float:
+        """T."""
+        return float(self.residual @ self.weight @ self.residual)
 
     def drop(self, column: FloatArray) -> tuple[float, float, float]:
         """Drop of V by a column (n,), its factor and the standard deviation of that."""
         size = float(column @ self.weight @ column)
-        if not size > 1e-12:
+        if not size > LIMITS.known**-1:
             return 0.0, 0.0, np.inf
         pull = float(column @ self.weight @ self.residual)
         return pull**2 / size, pull / size, size**-0.5
 
 
-def with_static_agreement(result: FitResult, fit: ElasticFit, x: FloatArray) -> FitResult:
-    """The result with its load tests compared; where they contradict the responses, their pull widens the intervals."""
-    if fit.loads is None:
-        return result
-    now = _compared(result, fit, fit.loads, x)
-    _, factor, std = now.drop(now.predicted)
+def static_agreement(loads: StaticLoads, alone: FitResult) -> StaticAgreement:
+    """Load tests next to the deflections of `alone`, the fit of the responses without them."""
+    now = _compared(loads, alone)
+    _, factor, std = now.drop(loads.whitening @ now.predicted)
     is_beyond = now.chi_square > chi_square_limit(max(now.dof, 1), LIMITS.tail) or (
         (factor / std) ** 2 > chi_square_limit(1, LIMITS.tail)
     )
-    cause = _cause(now, result, fit, fit.loads, x) if is_beyond else ""
-    agreement = StaticAgreement(
-        _readings(now, fit, fit.loads, x), 1 + factor if np.isfinite(std) else np.nan, std, now.chi_square, now.dof,
-        cause,
-    )  # fmt: skip
-    if not cause:
-        return replace(result, static=agreement)
-    covariance = result.covariance + np.outer(now.step, now.step)
-    return replace(result, static=agreement, covariance=covariance)
+    cause = _cause(now) if is_beyond else ""
+    ratio = 1 + factor if np.isfinite(std) else np.nan
+    return StaticAgreement(_readings(now), ratio, std, now.chi_square, now.dof, cause)
 
 
-def _compared(result: FitResult, fit: ElasticFit, loads: StaticLoads, x: FloatArray) -> _Comparison:
-    r, J = fit.static(x)
-    y, _ = loads.predicted(fit.parameters, x)
-    free = np.flatnonzero(~result.at_bound & np.isfinite(np.diag(result.covariance)))
-    A = replace(fit, inertias=()).evaluate(x).hessian[np.ix_(free, free)] / 2
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    scaled, J_f = A / np.outer(size, size), J[:, free] / size
-    values, V = np.linalg.eigh(scaled - J_f.T @ J_f)
-    reached = values > LIMITS.reached
-    inverse = np.where(reached, 1 / np.maximum(values, LIMITS.reached), 0.0)
-    step = V @ (inverse * (V.T @ (J_f.T @ r)))
-    widened = np.sqrt(np.diag(result.covariance)[free]) * size / np.sqrt(np.diag(np.linalg.pinv(scaled, hermitian=True)))
-    root = np.maximum(widened, 1.0)[:, None] * (V * np.sqrt(np.where(reached, inverse, 1 / LIMITS.reached)))
-    spread = J_f @ root
-    S = np.eye(len(r)) + spread @ spread.T
-    mu, U = np.linalg.eigh(S)
+def _compared(loads: StaticLoads, alone: FitResult) -> _Comparison:
+    r, J = loads.residual(alone.parameters, alone.x)
+    y, slopes = loads.predicted(alone.parameters, alone.x)
+    C = alone.covariance.copy()
+    unknown = ~np.isfinite(np.diag(C))
+    C[unknown] = C[:, unknown] = 0.0
+    C[unknown, unknown] = LIMITS.unreached**2
+    mu, U = np.linalg.eigh(np.eye(len(r)) + J @ C @ J.T)
     known = mu < LIMITS.known
     weight = (U[:, known] / mu[known]) @ U[:, known].T
-    left = r + J_f @ step
-    whole = np.zeros(len(x))
-    whole[free] = step / size
-    predicted = loads.whitening @ y - J_f @ step
-    std = np.sqrt(np.diag(np.linalg.solve(loads.whitening, np.linalg.solve(loads.whitening, spread @ spread.T).T)))
-    return _Comparison(left, weight, predicted, whole, std, float(left @ weight @ left), int(known.sum()))
+    std = np.sqrt(np.einsum("ij,jk,ik->i", slopes, C, slopes))
+    return _Comparison(loads, alone.parameters, r, weight, J, y, std, int(known.sum()))
 
 
-def _readings(now: _Comparison, fit: ElasticFit, loads: StaticLoads, x: FloatArray) -> tuple[LoadReading, ...]:
-    y, _ = loads.predicted(fit.parameters, x)
+def _readings(now: _Comparison) -> tuple[LoadReading, ...]:
+    loads = now.loads
     std = np.sqrt(np.concatenate([np.diag(test.error_covariance) for test in loads.tests]))
-    expected = np.linalg.solve(loads.whitening, now.predicted)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
-    numbers = np.column_stack([loads.measured, std, y, expected, now.std]).tolist()
+    numbers = np.column_stack([loads.measured, std, now.predicted, now.std]).tolist()
     return tuple(
-        LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, tuple(row), *own)
-        for i, row, own in zip(loads.owners, rows, numbers, strict=True)
+        LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
+        for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
     )
 
 
-def _cause(now: _Comparison, result: FitResult, fit: ElasticFit, loads: StaticLoads, x: FloatArray) -> str:
+def _cause(now: _Comparison) -> str:
     """The likeliest cause, and others that explain as much."""
-    tried = []
-    for column, words in _columns(now, result, fit, loads, x):
-        drop, factor, _ = now.drop(column)
-        tried.append((drop, words(factor)))
-    tried.sort(key=lambda each: -each[0])
-    near = [words for drop, words in tried if drop > max(tried[0][0] - LIMITS.alternative, 0.5 * tried[0][0])]
-    share = tried[0][0] / max(now.chi_square - now.dof, 1e-300)
-    if share < 0.3:  # a single reading that is off, or several causes
-        worst = int(np.argmax(np.abs(now.residual)))
-        reading = _readings(now, fit, loads, x)[worst]
+    tried = [(now.drop(column), words) for column, words in _columns(now)]
+    every = sorted(((drop, words(factor)) for (drop, factor, _), words in tried), key=lambda each: -each[0])
+    best = every[0][0]
+    if best < LIMITS.share * (now.chi_square - now.dof):  # a single reading that is off, or several causes
+        reading = _readings(now)[int(np.argmax(np.abs(now.residual)))]
         return (
             f"no single cause explains it; the worst is a reading at {reading.frame} in {reading.configuration} with "
             f"{1e6 * reading.measured:.4g} um instead of {1e6 * reading.by_responses:.4g} um: check its load, "
             "direction and std"
         )
-    return " or ".join(near[:3])
+    return " or ".join([words for drop, words in every if drop > max(best - LIMITS.alternative, best / 2)][:3])
 
 
-def _columns(
-    now: _Comparison, result: FitResult, fit: ElasticFit, loads: StaticLoads, x: FloatArray
-) -> Iterator[tuple[FloatArray, Words]]:
+def _columns(now: _Comparison) -> Iterator[tuple[FloatArray, Words]]:
     """Whitened readings (n,) by a unit of each cause, and its words by its size."""
-    W, robot = loads.whitening, loads.robot
-    yield now.predicted, _of_factor
-    expected, owners = np.linalg.solve(W, now.predicted), np.array(loads.owners)
-    length = np.sqrt(np.bincount(owners, expected**2))[owners]
-    yield W @ (expected / np.maximum(length, 1e-300)), _of_slack
+    W, robot, owners = now.loads.whitening, now.loads.robot, np.array(now.loads.owners)
+    yield W @ now.predicted, _of_factor
+    length = np.sqrt(np.bincount(owners, now.predicted**2))[owners]
+    yield W @ (now.predicted / np.maximum(length, 1e-300)), _of_slack
     count = len(robot.model.robot.joints)
     moved, tilted = [], []
     for i, load in enumerate(robot.loads):
@@ -162,10 +138,9 @@ def _columns(
         tilted.append(load.directions @ np.cross(np.cross(acting, load.force) + load.torque, read))
     yield W @ np.concatenate(moved), _of_base("N/m", "moved")
     yield W @ np.concatenate(tilted), _of_base("N*m/rad", "tilted")
-    J = fit.static(x)[1]
-    for i, parameter in enumerate(result.parameters.free):
+    for i, parameter in enumerate(now.parameters.free):
         if parameter.stands_for.startswith("k_") and parameter.log:
-            yield -J[:, i], _of_spring(parameter.name)
+            yield -now.J[:, i], _of_spring(parameter.name)
 
 
 def _of_factor(by: float) -> str:
@@ -206,7 +181,7 @@ def _of_base(unit: str, does: str) -> Words:
 
 def _of_spring(name: str) -> Words:
     def words(by: float) -> str:
-        factor = float(np.exp(np.clip(by, -5, 5)))
+        factor = 1 / max(1 - by, 1e-3)  # the deflection of a spring goes with its compliance
         return f"as if {name} were {factor:.3g} times as large at rest, as hysteresis or friction of that gear makes it"
 
     return words
@@ -218,7 +193,7 @@ def contradiction(static: StaticAgreement) -> str:
 
 
 def static_notes(result: FitResult) -> tuple[Note, ...]:
-    """A warning where load tests contradict the responses; the intervals then contain what they pull."""
+    """A warning where load tests contradict the responses."""
     if result.static is None or not result.static.disagrees:
         return ()
-    return (Note("static-stiffness", f"{contradiction(result.static)}; intervals are widened by what the tests move"),)
+    return (Note("static-stiffness", f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals contain those of both together"),)
