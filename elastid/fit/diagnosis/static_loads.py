@@ -65,7 +65,7 @@ class _Comparison:
     def drop(self, column: FloatArray) -> tuple[float, float, float]:
         """Drop of V by a column (n,), its factor and the standard deviation of that."""
         size = float(column @ self.weight @ column)
-        if not size > LIMITS.known**-1:
+        if not size > 1 / LIMITS.known:
             return 0.0, 0.0, np.inf
         pull = float(column @ self.weight @ self.residual)
         return pull**2 / size, pull / size, size**-0.5
@@ -111,9 +111,9 @@ def _readings(now: _Comparison) -> tuple[LoadReading, ...]:
 def _cause(now: _Comparison) -> str:
     """The likeliest cause, and others that explain as much."""
     tried = [(now.drop(column), words) for column, words in _columns(now)]
-    every = sorted(((drop, words(factor)) for (drop, factor, _), words in tried), key=lambda each: -each[0])
-    best = every[0][0]
-    if best < LIMITS.share * (now.chi_square - now.dof):  # a single reading that is off, or several causes
+    every = sorted(((drop, words(factor)) for (drop, factor, _), words in tried if drop > 0), key=lambda e: -e[0])
+    best = every[0][0] if every else 0.0
+    if not best or best < LIMITS.share * (now.chi_square - now.dof):  # a single reading that is off, or several causes
         reading = _readings(now)[int(np.argmax(np.abs(now.residual)))]
         return (
             f"no single cause explains it; the worst is a reading at {reading.frame} in {reading.configuration} with "
