@@ -129,6 +129,12 @@ def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
     return _plain((file.path for file in spec.files) if spec is not None else (), folder)
 
 
+def tool_responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
+    """The files with responses at the tool."""
+    tool = handed["validation"].tool
+    return _plain((file.path for file in tool.responses.files) if tool is not None else (), folder)
+
+
 def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
     """The responses that a design adds to, or whose noise it expects, each with the fit next to it."""
     from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
@@ -206,7 +212,7 @@ STAGES = (
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        values=(*FITTED, *values("seed", "estimator", "validation")),
+        values=(*FITTED, *values("seed", "estimator", "validation")), files=tool_responses,
         sources=(
             Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
             Source("fit"),

@@ -53,7 +53,9 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
 
 
 def _equilibria(model: FittedRobot) -> ca.Function:
-    points = [equilibrium(model.model, model.theta_of(G.configuration.name)[:-1], G.configuration) for G in model.linear]
+    points = [
+        equilibrium(model.model, model.theta_of(G.configuration.name)[:-1], G.configuration) for G in model.linear
+    ]
     columns = [np.stack([getattr(point, name) for point in points], axis=1) for name in ("q", "lambda_", "u")]
     names = ["q", "lambda_", "u"] if model.model.n_c else ["q", "u"]
     kept = columns if model.model.n_c else [columns[0], columns[2]]

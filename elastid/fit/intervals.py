@@ -74,7 +74,11 @@ def bootstrap(
 
 
 def _repeat(
-    fit: ElasticFit, sources: tuple[_Source, ...], static: FloatArray | None, x: FloatArray, draw: np.random.SeedSequence
+    fit: ElasticFit,
+    sources: tuple[_Source, ...],
+    static: FloatArray | None,
+    x: FloatArray,
+    draw: np.random.SeedSequence,
 ) -> LocalOptimum:
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)

@@ -74,7 +74,9 @@ class LoadTest:
         if self.std is not None and not np.all(np.asarray(self.std) > 0):
             raise ValueError("std of a deflection must be positive; 1 to 10 um are usual")
         if np.linalg.eigvalsh(self.error_covariance)[0] <= 0:
-            raise ValueError("covariance of a deflection must be positive definite; its order is xx, yy, zz, xy, xz, yz")
+            raise ValueError(
+                "covariance of a deflection must be positive definite; its order is xx, yy, zz, xy, xz, yz"
+            )
 
     @property
     def n_readings(self) -> int:

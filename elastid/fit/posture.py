@@ -232,10 +232,9 @@ def _with_frames(robot: Robot, asked: Asked) -> tuple[Robot, str]:
 def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], motors: Motors) -> None:
     for place in outputs:
         robot.check_location(place)
-    forces = [f"{kind} {frame.name} {axis}" for kind in ("force", "torque") for frame in robot.frames for axis in "xyz"]
     for place in inputs:
-        if place not in forces and place not in robot.motor_locations:
-            there = ", ".join((*robot.motor_locations, *forces))
+        if place not in robot.load_locations and place not in robot.motor_locations:
+            there = ", ".join((*robot.motor_locations, *robot.load_locations))
             raise StudyError(f"'{place}' is no input of robot {robot.name}; there are {there}")
         if place in robot.motor_locations and motors == "held":
             raise StudyError(

@@ -162,9 +162,7 @@ def _size(r: FloatArray, K: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _functions(
-    model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, ...]
-) -> tuple[ca.Function, ca.Function]:
+def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
     z, held = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)

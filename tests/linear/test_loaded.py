@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.linkages import linkage
+from plants.predicted_arm import closed_form, robot
 
 from elastid.base.errors import StudyError
 from elastid.linear.loaded import Load, LoadedRobot
@@ -11,8 +13,6 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from plants.linkages import linkage
-from plants.predicted_arm import closed_form, robot
 
 WHERE = Configuration("here", np.array([0.3, 0.5]))
 

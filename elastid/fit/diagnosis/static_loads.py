@@ -157,7 +157,9 @@ def _of_factor(by: float) -> str:
 
 def _of_slack(by: float) -> str:
     if by > 0:
-        return f"{1e6 * by:.3g} um in each test whatever the load: hysteresis or backlash of gears, or slack in the hook"
+        return (
+            f"{1e6 * by:.3g} um in each test whatever the load: hysteresis or backlash of gears, or slack in the hook"
+        )
     return (
         f"{-1e6 * by:.3g} um are missing in each test whatever the load: friction in the gears or a dial that sticks; "
         "load from both sides and take the mean"
@@ -196,4 +198,9 @@ def static_notes(result: FitResult) -> tuple[Note, ...]:
     """A warning where load tests contradict the responses."""
     if result.static is None or not result.static.disagrees:
         return ()
-    return (Note("static-stiffness", f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals contain those of both together"),)
+    return (
+        Note(
+            "static-stiffness",
+            f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals contain those of both together",
+        ),
+    )

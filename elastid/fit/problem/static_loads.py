@@ -62,9 +62,7 @@ class StaticLoads:
     whitening: FloatArray
 
     @classmethod
-    def of(
-        cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet
-    ) -> StaticLoads:
+    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet) -> StaticLoads:
         """Of a robot at the start of the parameters; StudyError for an unknown frame, or a posture without rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         blocks = [np.linalg.inv(np.linalg.cholesky(each.test.error_covariance)) for each in tests]

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from plants.data_sheet_arm import arm, measure
+from plants.loaded_arm import NAMED, load_tests
 
 from elastid.fit.identify import identify
 from elastid.fit.problem.static_loads import placed
 from elastid.fit.spec import FitSpec, ParameterSpec
-from plants.data_sheet_arm import arm, measure
-from plants.loaded_arm import NAMED, load_tests
 
 SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 

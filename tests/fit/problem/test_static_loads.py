@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.data_sheet_arm import arm, measure
+from plants.loaded_arm import CONFIGURATIONS, NAMED, load_tests
 
 from elastid.base.errors import StudyError
 from elastid.fit.assembly import Assembly
@@ -12,8 +14,6 @@ from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.static_loads import placed
 from elastid.fit.spec import FitSpec, ParameterSpec
-from plants.data_sheet_arm import arm, measure
-from plants.loaded_arm import CONFIGURATIONS, NAMED, load_tests
 
 SPRINGS = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 
@@ -27,7 +27,9 @@ def test_slopes_and_counts_of_the_problem(responses):
     """J by differences; dof grows by the readings, of which V expects one each."""
     parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
     tests = load_tests(arm(), np.random.default_rng(1))
-    with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(parameters.x, "complex")
+    with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(
+        parameters.x, "complex"
+    )
     without = replace(with_loads, loads=None)
     x = parameters.x + [0.1, -0.2]
     r, J = with_loads.static(x)
@@ -44,7 +46,10 @@ def test_slopes_and_counts_of_the_problem(responses):
 def test_covariance_adds_the_information_of_the_loads(responses):
     """C^-1 = C_responses^-1 + J^T J where the noise is known: a fit with load tests, held against that."""
     tests = load_tests(arm(), np.random.default_rng(2), std=2e-6)
-    alone, both = fit_parameters(responses, arm(), SPRINGS), identify(responses, arm(), SPRINGS, loads=placed(tests, NAMED))
+    alone, both = (
+        fit_parameters(responses, arm(), SPRINGS),
+        identify(responses, arm(), SPRINGS, loads=placed(tests, NAMED)),
+    )
     parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
     fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(both.x, "complex")
     _, J = fit.static(both.x)
