@@ -167,7 +167,8 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
     row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
     the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
-    turn; predictions: of left-out configurations and of records at the tool; verdict, cost, replayed and folded: the same in words.  torque: shares of the parts of the model.
+    turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost, replayed and folded: the
+    same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
     agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"

@@ -2,7 +2,8 @@ r"""Export of the nonlinear equations: CasADi functions in one file each, and C 
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
-with the fitted numbers inserted, and where the robot rests in the postures of the study. Conventions of sign and side: `elastid.model.elastic`.
+with the fitted numbers inserted, and where the robot rests in the postures of the study. Conventions of sign and side:
+`elastid.model.elastic`.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def _equilibria(model: FittedRobot) -> ca.Function:
 
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """mass.casadi, force.casadi, damping.casadi, stiffness.casadi and so on for casadi.Function.load, and coordinates.txt."""
+    """mass.casadi, force.casadi and so on, a file for each function, for casadi.Function.load; and coordinates.txt."""
     built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
     for path, function in built.items():
         with replacing(path) as temporary:

@@ -88,7 +88,7 @@ end
 
 
 def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """model.mat (version 5) with struct arrays `model`, `measured`, `fitted`, `parameters` and `tool`, and load_model.m.
+    """model.mat (version 5), struct arrays `model`, `measured`, `fitted`, `parameters` and `tool`, and load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
     CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at

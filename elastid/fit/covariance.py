@@ -139,7 +139,9 @@ def estimate_uncertainty(
     sums = partial(sum_lines, replace(fit, parts=(), loads=None), x, factors)
     parts = (execution or Execution()).ordered(sums, list(zip(fit.parts, responses, weights, strict=True)))
     static_r, static_J = _static(fit, x, len(factors))
-    R = np.linalg.qr(np.vstack([np.diag(prior), static_J]), mode="r") if len(static_J) else np.diag(prior)
+    R = np.diag(prior)
+    if len(static_J):
+        R = np.asarray(np.linalg.qr(np.vstack([R, static_J]), mode="r"))
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
     A_inverse, singular_values, unreached, weakest = inverse_information(R)

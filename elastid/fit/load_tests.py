@@ -10,7 +10,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.section import Key, section
 from elastid.base.units import Force, JointPosition, Length, Mass, Torque
-from elastid.record import Configuration
 from elastid.robot import TOOL
 from elastid.robot.placement import Axis, unit_axis
 
@@ -107,11 +106,6 @@ class LoadTest:
             return np.diag(np.broadcast_to(np.asarray(self.std, dtype=float), self.n_readings) ** 2)
         xx, yy, zz, xy, xz, yz = self.covariance
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-    def posture(self, angles: FloatArray | None, carries: bool = True) -> Configuration:
-        """Where it was made; angles (n_u,): of its configuration."""
-        given = angles if self.angles is None else np.asarray(self.angles, dtype=float)
-        return Configuration(self.configuration or "load test", given, carries=carries)
 
 
 @section

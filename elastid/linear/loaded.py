@@ -152,7 +152,7 @@ class LoadedRobot:
     def _solved(self, K: FloatArray, right: FloatArray) -> FloatArray:
         """K^-1 right; of constraints that repeat each other, the smallest multipliers."""
         if not self.model.n_c:
-            return np.linalg.solve(K, right)
+            return np.asarray(np.linalg.solve(K, right), dtype=float)
         return np.asarray(np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right)
 
 

@@ -275,7 +275,7 @@ class Robot:
         )
 
     def slides(self, location: str) -> bool:
-        """True if a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin, a force."""
+        """True if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)

@@ -33,8 +33,8 @@ class ValidationSpec:
     folds: Annotated[int, Key("Number of parts into which the other configurations are divided, each left out of one "
         "more fit; 0 for no cross-validation.", "3 to 5 where parameters are to be compared between parts of the data; "
         "each costs a fit.")] = 0
-    tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where the "
-        "model is to say how the tool behaves: a few taps with a hammer show whether it does.")] = None
+    tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where "
+        "the model is to say how the tool behaves: a few taps with a hammer show whether it does.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -90,7 +90,7 @@ def at_file(evidence: Evidence) -> Evidence | None:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
-    """A and b with priors and static loads, and numbers that are off by more than their tolerance; those, and V of both.
+    """A and b with priors and static loads, and numbers that are off by more than their tolerance; those, and that V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """

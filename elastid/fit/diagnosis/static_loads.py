@@ -201,6 +201,7 @@ def static_notes(result: FitResult) -> tuple[Note, ...]:
     return (
         Note(
             "static-stiffness",
-            f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals contain those of both together",
+            f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals "
+            "contain those of both together",
         ),
     )

@@ -31,7 +31,7 @@ def test_slopes_and_counts_of_the_problem(responses):
         parameters.x, "complex"
     )
     without = replace(with_loads, loads=None)
-    x = parameters.x + [0.1, -0.2]
+    x = parameters.x + np.array([0.1, -0.2])
     r, J = with_loads.static(x)
     assert with_loads.problem.dof == without.problem.dof + len(r)
     for i in range(2):
@@ -78,7 +78,8 @@ def test_what_a_test_must_say():
     for wrong, words in (
         ({"angles": (0.1, 0.2)}, "one of them"), ({"force": (0, 0, 0)}, "without a load"),
         ({"deflection": 1e-3}, "a tracker three"), ({"deflection": (0, 0, 0), "along": "z"}, "a dial gauge has one"),
-        ({"std": None}, "std or by covariance"), ({"std": -1e-6}, "must be positive"), ({"mass": -1}, "not be negative"),
+        ({"std": None}, "std or by covariance"), ({"std": -1e-6}, "must be positive"),
+        ({"mass": -1}, "not be negative"),
         ({"std": None, "covariance": (1, 1, 1, 2, 0, 0)}, "positive definite"),
         ({"along": (0, 0, 0)}, "zero vector"),
     ):  # fmt: skip
