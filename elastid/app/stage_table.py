@@ -129,6 +129,12 @@ def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
     return _plain((file.path for file in spec.files) if spec is not None else (), folder)
 
 
+def tool_responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
+    """The files with responses at the tool."""
+    tool = handed["validation"].tool
+    return _plain((file.path for file in tool.responses.files) if tool is not None else (), folder)
+
+
 def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
     """The responses that a design adds to, or whose noise it expects, each with the fit next to it."""
     from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
@@ -200,13 +206,13 @@ STAGES = (
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
-        values=(*FITTED, Value("validation.left_out")), sources=(Source("estimate"),),
+        values=(*FITTED, *values("seed", "loads"), Value("validation.left_out")), sources=(Source("estimate"),),
         patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        values=(*FITTED, *values("seed", "estimator", "validation")),
+        values=(*FITTED, *values("seed", "estimator", "validation")), files=tool_responses,
         sources=(
             Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
             Source("fit"),

@@ -75,7 +75,14 @@ def section(value: Any, names: str) -> dict[str, Any]:
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
-    numbers = {"cost": None, "cost_expected": None, "dof": None, "starts": starts, "hits": 0}
+    numbers: dict[str, Any] = {
+        "static_loads": None,
+        "cost": None,
+        "cost_expected": None,
+        "dof": None,
+        "starts": starts,
+        "hits": 0,
+    }
     rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 
@@ -119,11 +126,21 @@ def summary(
             | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
             for part in result.rigid_parts
         ],
+        "static_loads": _static_loads(result),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
         "notes": _notes(every),
     }
+
+
+def _static_loads(result: FitResult) -> dict[str, Any] | None:
+    """Load tests next to the responses, in m; null without any."""
+    if result.static is None:
+        return None
+    keys = "configuration frame direction measured std by_responses by_responses_std"
+    readings = [section(reading, keys) for reading in result.static.readings]
+    return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
 
 
 def interrupted(
@@ -150,7 +167,8 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
     row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
     the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
-    turn; verdict, cost, replayed and folded: the same in words.  torque: shares of the parts of the model.
+    turn.  predictions: of left-out configurations and of records at the tool.  verdict, cost, replayed and folded: the
+    same in words.  torque: shares of the parts of the model.
     twin: errors of the model simulated along a record.
     """
     agreement = f"configuration left_out {_ERRORS} inside_2sigma_expected=inside_expected"
@@ -163,6 +181,11 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
         "replayed": validation.replayed,
         "replays": [section(each, replay) for each in validation.replays],
         **_twin(twin),
+        "predictions": [
+            section(each, "configuration motors inside rms_log_db by")
+            | {"inputs": list(each.measured.inputs), "outputs": list(each.measured.outputs)}
+            for each in validation.predictions
+        ],
         "folded": validation.folded,
         "folds": json_value(validation.folds),
     }

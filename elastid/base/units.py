@@ -27,7 +27,7 @@ _FURTHER: dict[str, dict[str, float]] = {
     "N*m*s/rad": {"kN*m*s/rad": 1e3},
     "kg": {"g": 1e-3},
     "kg*m^2": {"g*m^2": 1e-3, "kg*cm^2": 1e-4},
-    "m": {"mm": 1e-3},
+    "m": {"mm": 1e-3, "um": 1e-6},
     "m/s": {"mm/s": 1e-3},
     "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "Hz": {"kHz": 1e3},

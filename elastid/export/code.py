@@ -2,7 +2,8 @@ r"""Export of the nonlinear equations: CasADi functions in one file each, and C 
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
-with the fitted numbers inserted. Conventions of sign and side: `elastid.model.elastic`.
+with the fitted numbers inserted, and where the robot rests in the postures of the study. Conventions of sign and side:
+`elastid.model.elastic`.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import replacing
 from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.linear.equilibrium import equilibrium
 from elastid.store.files import write_text
 
 
@@ -25,7 +28,8 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
 
     damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
     loops are closed by constraints, also constraint(q) -> phi and constraint_jacobian(q) -> Phi, and stiffness(q,
-    lambda_) is the Hessian of V + lambda^T phi.
+    lambda_) is the Hessian of V + lambda^T phi.  equilibria() -> q, lambda_ and torques u of the motors at rest, a
+    column for each posture of the study; StudyError where one has no rest.
     """
     m, theta = model.model, model.theta[:-1]
     q, v, multipliers = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q), ca.SX.sym("lambda_", m.n_c)
@@ -44,12 +48,23 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
         function("damping", ("q",), "D", m.damping(q, theta)),
         function("stiffness", ("q", "lambda_") if m.n_c else ("q",), "K", m.stiffness(q, multipliers, theta)),
         function("input_matrix", (), "B", ca.SX(ca.DM(m.B))),
+        _equilibria(model),
         *(closing if m.n_c else ()),
     )
 
 
+def _equilibria(model: FittedRobot) -> ca.Function:
+    points = [
+        equilibrium(model.model, model.theta_of(G.configuration.name)[:-1], G.configuration) for G in model.linear
+    ]
+    columns = [np.stack([getattr(point, name) for point in points], axis=1) for name in ("q", "lambda_", "u")]
+    names = ["q", "lambda_", "u"] if model.model.n_c else ["q", "u"]
+    kept = columns if model.model.n_c else [columns[0], columns[2]]
+    return ca.Function("equilibria", [], [ca.SX(ca.DM(each)) for each in kept], [], names)
+
+
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
+    """mass.casadi, force.casadi and so on, a file for each function, for casadi.Function.load; and coordinates.txt."""
     built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
     for path, function in built.items():
         with replacing(path) as temporary:
@@ -99,11 +114,16 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
         given = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
         results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
         lines.append(f"{function.name()}: {given or 'no arguments'} -> {results}")
-    lines += ["", *interval_lines(model), ""]
+    lines += ["", *interval_lines(model), "", *_postures(model), ""]
     lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
     return c_comment(lines)
+
+
+def _postures(model: FittedRobot) -> list[str]:
+    """The columns of equilibria."""
+    return [f"column {i} of equilibria: {linear.configuration.name}" for i, linear in enumerate(model.linear)]
 
 
 def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
@@ -121,5 +141,5 @@ def _coordinates(folder: Path, model: FittedRobot) -> Path:
     path, lines = folder / "coordinates.txt", [f"{_equation(model)}, link side, SI"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]
-    write_text(path, "".join(f"{one_line(line)}\n" for line in (*lines, *interval_lines(model))))
+    write_text(path, "".join(f"{one_line(line)}\n" for line in (*lines, *_postures(model), *interval_lines(model))))
     return path

@@ -1,7 +1,7 @@
 r"""A fitted robot as functional mock-up units for co-simulation, FMI 2.0 and 3.0, with its equations in C.
 
-The whole nonlinear robot with its friction, integrated by Runge-Kutta steps of its own, torque as input and beside it
-a sampled controller whose gains are 0 until they are set:
+The whole nonlinear robot with its friction, integrated by Runge-Kutta steps of its own, torques of motors and forces at
+its frames as inputs and beside them a sampled controller whose gains are 0 until they are set:
 
 .. math:: u_k = u_{in} + k_p (q_{ref} - q_k) + k_d (\dot q_{ref} - (q_k - q_{k-1}) / T_s) + k_i T_s \sum e
 
@@ -39,6 +39,9 @@ from elastid.friction.robot_friction import frictions
 from elastid.friction.static import CURVE
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
+from elastid.model.frame_tree import position, tree, turns
+from elastid.robot import TOOL, Robot
+from elastid.robot.named_frames import with_frames
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
 
@@ -77,11 +80,13 @@ def layout(
         "TORQUE": _of(motors, "torque", "input", "link-side torque added to the feedback", points[0].u),
         "POSITION": _of(motors, "reference", "input", "angle that the controller aims at", position),
         "VELOCITY": _of(motors, "reference_speed", "input", "speed that the controller aims at"),
+        "FORCE": _at_frames(equations.robot, "force", "input", "force on it in N, along {axis} of the base"),
         "ANGLE": _of(motors, "angle", "output", "angle over its gear ratio"),
         "SPEED": _of(motors, "speed", "output", "speed over its gear ratio"),
         "APPLIED": _of(motors, "applied", "output", "torque with feedback, link side"),
         "HOLDING": _of(motors, "holding", "output", "torque that holds the posture of the start"),
         "JOINT": _of([f"joint {name}" for name in joints], "angle", "output", "angle"),
+        "PLACE": _at_frames(equations.robot, "position", "output", "{axis} of its origin in m, axes of the base"),
         "THETA": _stiffnesses(model),
         "FRICTION": _friction(contacts),
         "KP": _of(motors, "kp", "parameter", "feedback of its angle, N*m/rad of the link side"),
@@ -106,6 +111,22 @@ def _of(
         Variable(f"{name} of {motor}", causality, variability, f"{motor[0].upper()}{motor[1:]}: {text}", float(value))
         for motor, value in zip(motors, values, strict=True)
     ]
+
+
+def framed(robot: Robot) -> Robot:
+    """The robot with a frame `tool` where it has none."""
+    return robot if robot.frames else with_frames(robot, (TOOL,))
+
+
+def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list[Variable]:
+    return [
+        Variable(
+            f"{name} {axis} of frame {frame.name}", causality, "continuous",
+            f"Frame {frame.name}: {text.format(axis=axis)}", 0.0,
+        )
+        for frame in framed(robot).frames
+        for axis in "xyz"
+    ]  # fmt: skip
 
 
 def _stiffnesses(model: FittedRobot) -> list[Variable]:
@@ -214,24 +235,34 @@ def _text(root: ET.Element) -> str:
 def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
     """acceleration, bristles, readings and, with loops, closing; dense.
 
-    acceleration(q, v, z, u, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at constant v.
-    readings(q, v) -> angles and speeds of the motors, angles of the joints.  closing(q, v, theta) -> q, v on the loops.
+    acceleration(q, v, z, u, force, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at
+    constant v.  readings(q, v) -> angles and speeds of the motors, angles of the joints, origins of the frames.
+    closing(q, v, theta) -> q, v on the loops.  force: at all frames, in the axes of the base.
     """
     q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
     z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
     theta, friction = ca.SX.sym("theta", len(model.theta)), ca.SX.sym("friction", len(contacts.curves))
     step = ca.SX.sym("step")
     B, n_l = ca.DM(model.B), len(model.robot.joints)
-    torque = B @ u - contacts.torque(v, z, friction)
+    places = origins(model, q)
+    force = ca.SX.sym("force", places.numel())
+    torque = B @ u - contacts.torque(v, z, friction) + ca.jacobian(places, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
     built = [
-        dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),
+        dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),
         dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
-        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l]]),
+        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], places]),
     ]
     if model.n_c:
         built.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
     return tuple(built)
+
+
+def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
+    """Origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
+    layout = tree(framed(model.robot))
+    turned = turns(layout, q[: len(model.robot.joints)])
+    return ca.vertcat(*(position(layout, turned, seat, (0.0, 0.0, 0.0)) for seat in layout.named))
 
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -302,6 +333,7 @@ def _library_path(version: int) -> str:
 def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
     equations_of = model.model
     numbers = {"N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z}
+    numbers["N_P"] = 3 * len(framed(equations_of.robot).frames)
     numbers |= {"N_POSTURES": postures, "N_VALUES": len(variables.variables), "HAS_LOOPS": int(equations_of.n_c > 0)}
     numbers |= {f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")}
     places = {"OUTPUTS": variables.places["ANGLE"], **variables.places}

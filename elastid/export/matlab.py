@@ -11,12 +11,15 @@ import numpy as np
 from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
 from elastid.base.files import write_whole
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.posture import Asked, default_frame
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
+from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
@@ -48,6 +51,13 @@ for i = 1:numel(e.model)
         end
     end
 end
+% tool: an ss array over the postures of e.tool.configurations, forces on frame e.tool.frame (N) to its motion (m and
+% rad) with the motors held; an array of its responses is squeeze(freqresp(tool, 2 * pi * f)).
+tool = e.tool;
+if exist('ss') > 0 && isfield(tool, 'A') && ~is_octave
+    tool = ss(tool.A, tool.B, tool.C, tool.D, 'InputName', tool.InputName, 'OutputName', tool.OutputName);
+    tool.SamplingGrid = struct('posture', 1:size(e.tool.A, 3));
+end
 {measured}"""
 
 _MEASURED = """% measured{i}: idfrd with covariance (System Identification Toolbox), else an frd without, or a struct.
@@ -78,10 +88,11 @@ end
 
 
 def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """model.mat (version 5) with struct arrays `model`, `measured`, `fitted` and `parameters`, and load_model.m.
+    """model.mat (version 5), struct arrays `model`, `measured`, `fitted`, `parameters` and `tool`, and load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
-    CovarianceData; that of fitted is due to the parameters. The script runs in MATLAB and in Octave, and without
+    CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at
+    the frame to its motion, motors held, in the Q postures. The script runs in MATLAB and in Octave, and without
     toolboxes as far as they go.
     """
     fitted = [
@@ -93,7 +104,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         for p in known_numbers(model)
     ]
     measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
-    content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers}
+    content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
     return _written(data, content, script, _SCRIPT, model.name, model.measured[0])
 
@@ -129,6 +140,26 @@ def _system(system: Any) -> dict[str, Any]:
         "OutputName": np.array(system.outputs, dtype=object),
         "quantity": system.quantity,
     }
+
+
+def _tool(model: FittedRobot) -> dict[str, Any]:
+    """The robot at a frame with its motors held, in all postures; the names alone of one that cannot bend."""
+    configurations = [linear.configuration for linear in model.linear]
+    named: dict[str, Any] = {"configurations": np.array([each.name for each in configurations], dtype=object)}
+    frame = default_frame(model.robot)
+    ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
+    asked = Asked(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
+    try:
+        systems = [model.result.family(asked, each.name).at(each).state_space() for each in configurations]
+    except StudyError:
+        return named
+    stacks = {name: np.stack([getattr(each, name) for each in systems], axis=2) for name in "ABCD"}
+    first = systems[0]
+    return named | stacks | {
+        "frame": frame,
+        "InputName": np.array(first.inputs, dtype=object),
+        "OutputName": np.array(first.outputs, dtype=object),
+    }  # fmt: skip
 
 
 def _response(G: Any, measured: FrequencyResponse, variance: FloatArray | None) -> dict[str, Any]:

@@ -35,6 +35,7 @@ from elastid.fit.problem.least_squares import (
     moved_in_std,
 )
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
+from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
@@ -66,7 +67,7 @@ AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
 class Assembly:
     """Shared by all linearisations: the measured responses with their weights, and the differentiated model.
 
-    model: how its equations were formulated.
+    model: how its equations were formulated.  loads: static load tests that are fitted, too.
     """
 
     responses: tuple[FrequencyResponse, ...]
@@ -75,6 +76,7 @@ class Assembly:
     parameters: ParameterSet
     spec: FitSpec
     model: ModelSpec = EXACT
+    loads: StaticLoads | None = None
 
     @classmethod
     def of(
@@ -84,11 +86,13 @@ class Assembly:
         spec: FitSpec,
         parameters: ParameterSet,
         model: ModelSpec = EXACT,
+        loads: Sequence[PlacedTest] = (),
     ) -> Assembly:
-        """Weigh the responses and build the model."""
+        """Weigh the responses and build the model, under the static loads, too."""
         weights = tuple(weigh(response, spec) for response in responses)
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
-        assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model)
+        static = StaticLoads.of(loads, robot, model, parameters) if loads else None
+        assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
         if linearisation.is_affine_in(assembly._moved):
             return assembly
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
@@ -114,7 +118,7 @@ class Assembly:
         models = [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
-        return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot))
+        return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot), loads=self.loads)
 
     @cached_property
     def is_local(self) -> bool:

@@ -281,7 +281,7 @@ def check_scale(fit: ElasticFit, robot: Robot) -> None:
     gains = np.array([parameter.stands_for in robot.gains for parameter in fit.parameters.free])
     if not gains.any():
         return
-    rows = [np.diag(fit.prior_slopes)]
+    rows = [np.diag(fit.prior_slopes), fit.static(fit.parameters.x)[1]]
     for _, J in fit.blocks(fit.parameters.x):
         flat = J.reshape(len(names), -1)
         rows.append(np.asarray(np.linalg.qr(np.vstack([flat.real.T, flat.imag.T]), mode="r")))

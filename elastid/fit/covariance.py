@@ -57,8 +57,13 @@ from elastid.fit.result import is_in_error
 from elastid.response import FrequencyResponse
 
 
-def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the information."""
+def information_shares(
+    parts: Sequence[LineSums], A_inverse: FloatArray, static: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the responses' information.
+
+    static (n, n_x): J of load tests, whose share is the rest.
+    """
     power = []  # [A^-1 A_k A^-1]_ii (F, n_x) of each line
     for part in parts:
         moved = (part.rows @ A_inverse) ** 2
@@ -72,16 +77,16 @@ def information_shares(parts: Sequence[LineSums], A_inverse: FloatArray) -> tupl
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
-    return np.array([own / total for own in sums]), band
+    return np.array([own / (total + np.sum((static @ A_inverse) ** 2, axis=0)) for own in sums]), band
 
 
-def noise_dof(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
+def noise_dof(parts: Sequence[LineSums], A_inverse: FloatArray, static: FloatArray) -> FloatArray:
     """Real degrees of freedom (n_x,) behind each variance by the measured noise, whose lines scatter independently.
 
     By Satterthwaite's rule, the elements of a line taken as one: errors whitened, a line of p_k of the variance with
-    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu).
+    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu); static (n, n_x), J of load tests, has all.
     """
-    total, spread = np.zeros(len(A_inverse)), np.zeros(len(A_inverse))
+    total, spread = np.sum((static @ A_inverse) ** 2, axis=0), np.zeros(len(A_inverse))
     for part in parts:
         moved = (part.rows @ A_inverse) ** 2
         power = moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1)
@@ -124,24 +129,31 @@ def estimate_uncertainty(
     execution: Execution | None = None,
     is_forecast: bool = False,
 ) -> Uncertainty:
-    """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be."""
+    """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be.
+
+    Readings of load tests have the covariance that is stated.
+    """
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
-    sums = partial(sum_lines, replace(fit, parts=()), x, factors)
+    sums = partial(sum_lines, replace(fit, parts=(), loads=None), x, factors)
     parts = (execution or Execution()).ordered(sums, list(zip(fit.parts, responses, weights, strict=True)))
+    static_r, static_J = _static(fit, x, len(factors))
     R = np.diag(prior)
+    if len(static_J):
+        R = np.asarray(np.linalg.qr(np.vstack([R, static_J]), mode="r"))
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
     A_inverse, singular_values, unreached, weakest = inverse_information(R)
     dof = fit.problem.dof
-    meat, expected_cost, cost_dof = _noise(prior, dof, parts, A_inverse)
+    meat, expected_cost, cost_dof = _noise(prior, static_J, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
-    residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
+    pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
+    residuals = inflation * np.sum((A_inverse @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
-    cost = expected_cost if is_forecast else sum(part.cost for part in parts)
+    cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
     floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
@@ -149,18 +161,24 @@ def estimate_uncertainty(
     of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
     scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
     repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
-    widened = small_sample_factors(noise_dof(parts, A_inverse) / np.maximum(repeated, 1e-6) ** 2)
+    widened = small_sample_factors(noise_dof(parts, A_inverse, static_J) / np.maximum(repeated, 1e-6) ** 2)
     covariance = _larger(noise * np.outer(widened, widened), residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
-    share, band_hz = information_shares(parts, A_inverse)
+    share, band_hz = information_shares(parts, A_inverse, static_J)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement(blocks, A_inverse)
     estimate = covariance[kept, kept], singular_values, unreached[kept]
     return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
+
+
+def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray, FloatArray]:
+    """r (n,) and J (n, n_x + n_b) of the load tests, which no factor of the responses moves."""
+    r, J = fit.static(x)
+    return r, np.pad(J, ((0, 0), (0, n_factors)))
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
@@ -182,13 +200,13 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
 
 
 def _noise(
-    prior: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray
+    prior: FloatArray, static: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray
 ) -> tuple[FloatArray, float, float]:
     """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, the V that they lead to, and cost_dof.
 
-    prior (n_x,): 1 / s.  Where no noise was measured the residuals are taken for it.
+    prior (n_x,): 1 / s.  static (n, n_x): J of load tests.  Where no noise was measured the residuals are taken for it.
     """
-    meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
+    meat, power = np.diag(prior**2) + static.T @ static, float(np.count_nonzero(prior) + len(static))
     known = any(part.blocks.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:

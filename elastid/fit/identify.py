@@ -13,6 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
 
 from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
@@ -30,12 +33,14 @@ from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
+from elastid.fit.diagnosis.static_loads import static_agreement
 from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, with_floor
 from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
@@ -58,27 +63,31 @@ def identify(
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
     parameters: ParameterSet | None = None,
+    loads: Sequence[PlacedTest] = (),
 ) -> FitResult:
-    """The parameters of `robot` that explain the responses of all configurations.
+    """The parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
-    parameters: those of `choose` if None, else these in place of spec.parameters.
+    parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
+    (`placed`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters)
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
-        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
             # A gross fault bends the numbers of the file, too, and is named less surely from there.
             held = replace(robot, tolerances=None)
             return identify(
-                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters
-            )
+                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters,
+                loads=loads,
+            )  # fmt: skip
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))
@@ -87,11 +96,17 @@ def identify(
 
 
 def fit_parameters(
-    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
+    responses: Sequence[FrequencyResponse],
+    robot: Robot,
+    spec: FitSpec,
+    *,
+    model: ModelSpec = EXACT,
+    loads: Sequence[PlacedTest] = (),
 ) -> FitResult:
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
-    assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
+    found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
+    assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
     return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
 
 
@@ -102,6 +117,7 @@ def _search(
     model: ModelSpec,
     execution: Execution,
     parameters: ParameterSet | None = None,
+    loads: Sequence[PlacedTest] = (),
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
     """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
@@ -111,7 +127,7 @@ def _search(
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
-    assembly = Assembly.of(responses, robot, searched, parameters, model)
+    assembly = Assembly.of(responses, robot, searched, parameters, model, loads)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
@@ -127,8 +143,11 @@ def _search(
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
     if has_tolerances(robot):
-        assembly, fit, starts = release(assembly, starts, robot)
+        assembly, fit, starts = release(assembly, starts, robot, loads)
     return assembly, fit, starts, hits
+
+
+_Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
 
 
 def _with_found_floor(
@@ -138,7 +157,7 @@ def _with_found_floor(
     starts: tuple[LocalOptimum, ...],
     hits: int,
     execution: Execution,
-) -> tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]:
+) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
@@ -153,6 +172,26 @@ def _with_found_floor(
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+
+
+def _with_static_agreement(
+    found: _Found, assembly: Assembly, spec: FitSpec, starts: tuple[LocalOptimum, ...], hits: int
+) -> _Found:
+    """The estimate with its load tests compared; where they contradict the responses, that of the responses alone.
+
+    Its covariance then holds the step to the estimate by both.
+    """
+    if assembly.loads is None:
+        return found
+    alone = replace(assembly, loads=None)
+    begin = replace(starts[0], x=found[1].end.x)
+    first = alone.at(begin.x, spec.criterion)
+    of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
+    static, result = static_agreement(assembly.loads, of_responses[3]), of_responses[3]
+    if not static.disagrees:
+        return *found[:3], replace(found[3], static=static)
+    step = found[3].x - result.x
+    return *of_responses[:3], replace(result, static=static, covariance=result.covariance + np.outer(step, step))
 
 
 def _estimate(

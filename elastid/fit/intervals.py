@@ -67,19 +67,27 @@ def bootstrap(
     draws = np.random.SeedSequence(seed).spawn(repetitions)
     source = _parametric if kind == "parametric" else _residual
     sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
+    static = None if fit.loads is None else fit.loads.predicted(fit.parameters, x)[0]
     names = [f"bootstrap-{i}" for i in range(repetitions)]
-    ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, x), draws, names))
+    ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names))
     return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
 
 
-def _repeat(fit: ElasticFit, sources: tuple[_Source, ...], x: FloatArray, draw: np.random.SeedSequence) -> LocalOptimum:
+def _repeat(
+    fit: ElasticFit,
+    sources: tuple[_Source, ...],
+    static: FloatArray | None,
+    x: FloatArray,
+    draw: np.random.SeedSequence,
+) -> LocalOptimum:
     rng = np.random.default_rng(draw)
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
     own = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
     parameters = ParameterSet(tuple(own.get(p.name, p) for p in fit.parameters)) if own else fit.parameters
+    loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:
-        return solve(replace(fit, parts=parts, parameters=parameters).problem, x, FINE)
+        return solve(replace(fit, parts=parts, parameters=parameters, loads=loads).problem, x, FINE)
     except FitError as error:
         return LocalOptimum(x, x, math.inf, 0, False, str(error))
 

@@ -21,7 +21,8 @@ from elastid.model.loop_closure import null_space
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
-from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Placement, Robot
+from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
+from elastid.robot.named_frames import with_frames
 from elastid.simulation.controller import tune
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
@@ -203,14 +204,6 @@ def default_frame(robot: Robot) -> str:
     return TOOL if TOOL in names or not names else names[-1]
 
 
-def _made_frame(robot: Robot, name: str) -> Frame | None:
-    """A frame for a name that no frame has: of a body, or `tool` at the last body's centre of mass."""
-    if name in [body.name for body in robot.bodies]:
-        return Frame(name, name)
-    last = robot.bodies[-1]
-    return Frame(TOOL, last.name, Placement(last.center_of_mass)) if name == TOOL else None
-
-
 def _frame_of(place: str) -> str:
     kind, _, rest = place.partition(" ")
     return rest.rpartition(" ")[0] if kind in ("frame", "accelerometer", "force", "torque") else ""
@@ -233,25 +226,15 @@ def _with_frames(robot: Robot, asked: Asked) -> tuple[Robot, str]:
     if isinstance(frame, Frame):
         others = tuple(each for each in robot.frames if each.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
-    for name in dict.fromkeys([frame, *map(_frame_of, (*asked.inputs, *asked.outputs))]):
-        known = [each.name for each in robot.frames]
-        if not name or name in known:
-            continue
-        made = _made_frame(robot, name)
-        if made is None:
-            there = [*known, *(body.name for body in robot.bodies)]
-            raise StudyError(f"robot {robot.name} has no frame {name}; {did_you_mean(name, there)}")
-        robot = replace(robot, frames=(*robot.frames, made))
-    return robot, frame
+    return with_frames(robot, filter(None, [frame, *map(_frame_of, (*asked.inputs, *asked.outputs))])), frame
 
 
 def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], motors: Motors) -> None:
     for place in outputs:
         robot.check_location(place)
-    forces = [f"{kind} {frame.name} {axis}" for kind in ("force", "torque") for frame in robot.frames for axis in "xyz"]
     for place in inputs:
-        if place not in forces and place not in robot.motor_locations:
-            there = ", ".join((*robot.motor_locations, *forces))
+        if place not in robot.load_locations and place not in robot.motor_locations:
+            there = ", ".join((*robot.motor_locations, *robot.load_locations))
             raise StudyError(f"'{place}' is no input of robot {robot.name}; there are {there}")
         if place in robot.motor_locations and motors == "held":
             raise StudyError(

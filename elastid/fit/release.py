@@ -22,6 +22,7 @@ from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
 from elastid.fit.tolerances import tolerances_of, with_tolerances
@@ -55,7 +56,7 @@ RELEASE = ReleaseLimits()
 
 
 def release(
-    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot
+    assembly: Assembly, starts: Sequence[LocalOptimum], robot: Robot, loads: Sequence[PlacedTest] = ()
 ) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...]]:
     """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
 
@@ -72,7 +73,7 @@ def release(
         return wide
 
     starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model)
+    assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model, loads)
     begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
     best: tuple[ElasticFit, LocalOptimum] | None = None
     for begin in begins[: RELEASE.attempts]:

@@ -267,12 +267,19 @@ class Robot:
             *(f"accelerometer {frame.name} {axis}" for frame in self.frames for axis in "xyz"),
         )
 
+    @cached_property
+    def load_locations(self) -> tuple[str, ...]:
+        """Inputs at frames: forces along their axes, and torques about them."""
+        return tuple(
+            f"{kind} {frame.name} {axis}" for kind in ("force", "torque") for frame in self.frames for axis in "xyz"
+        )
+
     def slides(self, location: str) -> bool:
-        """True if a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin."""
+        """True if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)
-        return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+        return kind in ("accelerometer", "force") or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
         """The places among `locations` that translate."""

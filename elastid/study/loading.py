@@ -22,6 +22,7 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_lines, check_study
 from elastid.study.checks.logs import check_logs
+from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
@@ -230,9 +231,10 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     text = "".join([source.text, *(comment_lines(f"--set {override}", "# ") for override in overrides)])
     source = replace(source, text=text)
     try:
-        return with_robot(source, folder), robot_errors
+        source = with_robot(source, folder)
     except StudyError as error:
         return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
+    return with_load_file(source, path.parent), robot_errors
 
 
 def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:

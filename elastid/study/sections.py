@@ -15,6 +15,7 @@ from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.channels import Places, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FilterSpec, FrictionSpec
@@ -55,6 +56,9 @@ class Study:
         "formulation is wanted; a serial robot needs nothing here.")] = ModelSpec()
     fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "the first key to "
         "give is parameters, as soon as not every spring is to be identified.")] = FitSpec()
+    loads: Annotated[LoadsSpec | None, Key("Static load tests, whose deflections are fitted together with the "
+        "responses.", "where springs of the wrist, which motors barely move, are to be known, or the stiffness at rest "
+        "compared with that in motion.")] = None
     validation: Annotated[ValidationSpec, Key("Data that judge the fitted model.", "name one configuration as left out "
         "where five or more are measured; the report then says how well the model predicts it.")] = ValidationSpec()
     compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants of your own "

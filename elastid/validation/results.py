@@ -18,6 +18,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.record import Motion
+from elastid.validation.predicted import PredictedResponse
 from elastid.validation.residual_tests import FALSE_ALARM, NORMALITY_95, exceeds_by_chance, together
 
 PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
@@ -323,7 +324,7 @@ class Validation:
 
     cost: explanation of the cost of the fit, in words.  replays: of the records through the model, one for
     each configuration with records; replayed: their summary.  folds: cross-validation, where asked for; folded: its
-    summary.
+    summary.  predictions: of left-out configurations and of records at the tool, by `FitResult.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")
@@ -333,6 +334,7 @@ class Validation:
     replayed: str = ""
     folds: tuple[Fold, ...] = ()
     folded: str = ""
+    predictions: tuple[PredictedResponse, ...] = ()
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -349,6 +351,11 @@ class Validation:
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "lines within 2 sigma")
         return Display(f"Validation: {self.verdict}", headings, rows)
+
+    @property
+    def at_tool(self) -> tuple[PredictedResponse, ...]:
+        """The predictions of forces and torques at frames."""
+        return tuple(each for each in self.predictions if each.measured.inputs[0].startswith(("force ", "torque ")))
 
     @property
     def fitted(self) -> tuple[Agreement, ...]:

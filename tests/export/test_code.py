@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from plants.fitted_models import close, responses_of
+from plants.fitted_models import close, fitted_model, responses_of
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.export.code import write_c, write_casadi
@@ -78,3 +78,42 @@ def test_the_header_says_what_the_functions_take(model: FittedRobot, tmp_path: P
     assert f"robot_mass: arg[0] q ({n}) -> res[0] M ({n} x {n})" in header
     assert f"q[0]  {model.model.coordinates[0]} (rad" in header
     assert header.count("/*") == header.count("*/")
+
+
+def test_equilibria_are_at_rest(model: FittedRobot, tmp_path: Path) -> None:
+    """Loaded again, f(q, 0) + Phi^T lambda = B u in each posture of the study, whose columns the text names."""
+    text = write_casadi(tmp_path, model)[-1].read_text()
+    loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
+    rest, B = loaded["equilibria"](), loaded["input_matrix"]()["B"].full()
+    for i, linear in enumerate(model.linear):
+        assert f"column {i} of equilibria: {linear.configuration.name}\n" in text
+        q, u = rest["q"].full()[:, i], rest["u"].full()[:, i]
+        force = loaded["force"](q, 0).full()[:, 0]
+        if model.model.n_c:
+            force = force + loaded["constraint_jacobian"](q).full().T @ rest["lambda_"].full()[:, i]
+        np.testing.assert_allclose(force, B @ u, atol=1e-7 * max(1.0, np.abs(force).max()))
+        np.testing.assert_allclose(B.T @ q, linear.configuration.angles, atol=1e-12)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+def test_a_program_in_c_reads_the_equilibria(tmp_path: Path) -> None:
+    """A caller in C without CasADi: q of the second posture and the weight that its motors hold."""
+    model = fitted_model("arm")
+    write_c(tmp_path, model)
+    n, n_u = model.model.n_q, model.model.n_u
+    (tmp_path / "main.c").write_text(f"""
+#include <stdio.h>
+#include "robot.h"
+int main(void) {{
+  double q[{2 * n}], u[{2 * n_u}], *res[2] = {{q, u}};
+  if (robot_equilibria(0, res, 0, 0, 0)) return 1;
+  for (int i = 0; i < {n}; i++) printf("%.17g\\n", q[{n} + i]);
+  for (int i = 0; i < {n_u}; i++) printf("%.17g\\n", u[{n_u} + i]);
+  return 0;
+}}
+""")
+    program = tmp_path / "main"
+    subprocess.run(["cc", tmp_path / "main.c", tmp_path / "robot.c", "-o", program, "-lm"], check=True)
+    numbers = np.array(subprocess.run([program], capture_output=True, text=True, check=True).stdout.split(), float)
+    point = equilibrium(model.model, model.theta[:-1], model.linear[1].configuration)
+    np.testing.assert_allclose(numbers, np.concatenate([point.q, point.u]), rtol=1e-13)

@@ -26,8 +26,8 @@ def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     rows[::2, 0], rows[7, 1] = 1.0, 1.0
     blocks = Blocks(np.zeros((1, 2)), None)
     part = LineSums(np.arange(10.0), rows, np.zeros((10, 1)), np.zeros((2, 10)), blocks, 1.0, 1.0, 4.0, 0.0, {})
-    np.testing.assert_allclose(noise_dof([part], np.eye(2)), [80.0, 8.0])
-    assert np.all(np.isinf(noise_dof([replace(part, noise_dof=np.inf)], np.eye(2))))
+    np.testing.assert_allclose(noise_dof([part], np.eye(2), np.zeros((0, 2))), [80.0, 8.0])
+    assert np.all(np.isinf(noise_dof([replace(part, noise_dof=np.inf)], np.eye(2), np.zeros((0, 2)))))
 
 
 NOISE = noise_of("relative", plant())

@@ -95,8 +95,9 @@ def _fitted(
     x = np.array([p.to_x(DELAY if p.name == "delay" else 1.1 * p.value) for p in chosen.free])
     n = len(x)
     result = FitResult(
-        chosen, x, 1e-4 * np.eye(n), 1.0, 1, 1.0, "converged", "", (), 0, np.zeros(n, bool), np.ones(n), "log"
-    )
+        chosen, x, 1e-4 * np.eye(n), 1.0, 1, 1.0, "converged", "", (), 0, np.zeros(n, bool), np.ones(n), "log",
+        robot=robot, equations=spec,
+    )  # fmt: skip
     model, responses = formulate(robot, spec), []
     for name, angles in zip(names, configurations, strict=True):
         linear = linearise(model, Configuration(name, angles), model.theta, model.inputs, "acceleration")

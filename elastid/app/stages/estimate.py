@@ -64,7 +64,7 @@ def import_responses(
     work: Work,
 ) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
-    responses = list(_imported_responses(robot, places, experiment, estimator, files))
+    responses = list(imported_responses(robot, places, experiment, estimator, files))
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
@@ -144,7 +144,7 @@ def friction_line(friction: FrictionTakenOut) -> str:
     )
 
 
-def _imported_responses(
+def imported_responses(
     robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
 ) -> Iterator[FrequencyResponse]:
     """One response for each file of the experiment, in their order, in the estimator's quantity and band.

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from elastid.app.console import Console, parameter_table
 from elastid.app.identified_robot import contents, robot_of_fit, truth
+from elastid.app.load_tests import tests_of
 from elastid.app.run import Run
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
@@ -16,6 +17,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.export.numbers import lines_of
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
+from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.release import remaining_tolerances
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted
@@ -39,6 +41,8 @@ def fit(
     experiment: ExperimentSpec,
     model: ModelSpec,
     seeded_fit: FitSpec,
+    seed: int,
+    loads: LoadsSpec | None,
     left_out: tuple[str, ...],
     estimate_file: Path,
     work: Work,
@@ -49,10 +53,11 @@ def fit(
     """
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
     fitted = [response for response in responses if response.configuration.name not in left_out]
+    tests = tests_of(loads, robot, experiment, responses, seed)
     unfinished = work.checkpoint()
     try:
         with work.execution(unfinished) as execution:
-            result = identify(fitted, robot, seeded_fit, model=model, execution=execution)
+            result = identify(fitted, robot, seeded_fit, model=model, execution=execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(name, seeded_fit.starts, str(error)))}, error=error)
     except Interrupted as stop:
@@ -71,6 +76,8 @@ def fit(
     def report(console: Console) -> None:
         console.notes(result.notes, on_page=True)
         console.say(f"fit: {result.message}")
+        if result.static is not None:
+            console.say(f"fit: {result.static.words}")
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in _robot_files(name, robot, result, friction, names)}

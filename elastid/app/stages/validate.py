@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_found_friction
+from elastid.app.stages.estimate import imported_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -35,6 +36,7 @@ from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.comparison import describe_folds, divide, gather_folds
 from elastid.validation.cost import cost_p, explain_cost
+from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec
@@ -69,6 +71,7 @@ def validate(
     validation: ValidationSpec,
     estimate_file: Path,
     fit_file: Path,
+    files: Path,
     work: Work,
     measure_file: Path | None = None,
     design_file: Path | None = None,
@@ -91,10 +94,14 @@ def validate(
     with work.execution(unfinished) as execution:
         replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution)
         judged = _validation(own, replays, execution)
+    at_tool = tool_responses(robot, experiment, validation, estimator, files)
+    judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool_predicted(own, at_tool)))
     balances = twin.balances
 
     def report(console: Console) -> None:
         console.say(f"validate: {judged.verdict}")
+        for prediction in judged.predictions:
+            console.say(f"validate: predicted: {prediction.words}")
         further = [judged.folded, judged.cost, judged.replayed]
         if balances:
             further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
@@ -134,6 +141,33 @@ def _validation(own: Validated, replays: tuple[Replay, ...], execution: Executio
     replayed = describe_replays(replays) if replays else ""
     folded = describe_folds(folds, judged.fitted) if folds else ""
     return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded)
+
+
+def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
+    """The configurations that were not fitted, by the code that predicts any posture."""
+    pairs = zip(own.responses, own.fitted.responses, strict=True)
+    return tuple(
+        predict_response(own.fitted.result, Ghat, "free", G)
+        for Ghat, G in pairs
+        if Ghat.configuration.name in own.spec.left_out and own.fitted.result.robot is not None
+    )
+
+
+def at_tool_predicted(own: Validated, measured: Sequence[FrequencyResponse]) -> tuple[PredictedResponse, ...]:
+    """Records at the tool, with their predictions."""
+    if own.spec.tool is None:
+        return ()
+    return tuple(predict_response(own.fitted.result, Ghat, own.spec.tool.motors) for Ghat in measured)
+
+
+def tool_responses(
+    robot: Robot, experiment: ExperimentSpec, validation: ValidationSpec, estimator: EstimatorSpec, files: Path
+) -> list[FrequencyResponse]:
+    """The responses of `validation.tool`, whatever rig measured the others."""
+    if validation.tool is None:
+        return []
+    own = replace(experiment, simulated=None, recorded=None, responses=validation.tool.responses)
+    return list(imported_responses(robot, robot, own, replace(estimator, band_hz=None), files))
 
 
 def _folds(own: Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:

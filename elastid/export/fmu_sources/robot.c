@@ -21,7 +21,13 @@ static void call(int (*function)(const double **, double **, casadi_int *, doubl
 
 static void accelerate(const Robot *robot, const double *q, const double *v, const double *z, const double *u,
                        double *a) {
-  const double *arg[N_ARG + 1] = {q, v, z, u, robot->value + OF_THETA, robot->value + OF_FRICTION};
+  const double *arg[N_ARG + 1] = {q,
+                                  v,
+                                  z,
+                                  u,
+                                  robot->value + OF_FORCE,
+                                  robot->value + OF_THETA,
+                                  robot->value + OF_FRICTION};
   double *res[N_RES + 1] = {a};
   call(acceleration, arg, res);
 }
@@ -76,17 +82,17 @@ static void close_loops(Robot *robot) {
 #endif
 }
 
-static void read_angles(const Robot *robot, double *angle, double *speed, double *joint) {
+static void read_angles(const Robot *robot, double *angle, double *speed, double *joint, double *place) {
   const double *arg[N_ARG + 1] = {robot->q, robot->v};
-  double *res[N_RES + 1] = {angle, speed, joint};
+  double *res[N_RES + 1] = {angle, speed, joint, place};
   call(readings, arg, res);
 }
 
 /* The feedback of a sample, held until the next. */
 static void sample(Robot *robot) {
   const double *value = robot->value, rate = value[OF_RATE];
-  double angle[N_U], speed[N_U], joint[N_L];
-  read_angles(robot, angle, speed, joint);
+  double angle[N_U], speed[N_U], joint[N_L], place[N_P];
+  read_angles(robot, angle, speed, joint, place);
   for (int i = 0; i < N_U; i++) {
     const double error = value[OF_KP + i] * (value[OF_POSITION + i] - angle[i]) +
                          value[OF_KD + i] * (value[OF_VELOCITY + i] - (angle[i] - robot->last[i]) * rate);
@@ -118,8 +124,8 @@ int robot_start(Robot *robot) {
   memset(robot->z, 0, sizeof robot->z);
   memset(robot->integral, 0, sizeof robot->integral);
   memset(robot->held, 0, sizeof robot->held);
-  double speed[N_U], joint[N_L];
-  read_angles(robot, robot->last, speed, joint);
+  double speed[N_U], joint[N_L], place[N_P];
+  read_angles(robot, robot->last, speed, joint, place);
   robot->samples = 0;
   robot->sampled_at = robot->time;
   robot->started = 1;
@@ -130,7 +136,7 @@ int robot_start(Robot *robot) {
 void robot_outputs(Robot *robot) {
   double *value = robot->value;
   value[0] = robot->time;
-  read_angles(robot, value + OF_ANGLE, value + OF_SPEED, value + OF_JOINT);
+  read_angles(robot, value + OF_ANGLE, value + OF_SPEED, value + OF_JOINT, value + OF_PLACE);
   for (int i = 0; i < N_U; i++) {
     value[OF_APPLIED + i] = value[OF_TORQUE + i] + robot->held[i];
     value[OF_HOLDING + i] = START_TORQUES[robot->configuration - 1][i];

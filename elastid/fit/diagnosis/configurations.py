@@ -140,8 +140,8 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
 
 
 def measured(fit: ElasticFit) -> ElasticFit:
-    """The fit without configurations that are left out as a whole."""
-    return replace(fit, parts=tuple(part for part in fit.parts if part.n_residuals))
+    """The responses of the fit without configurations that are left out as a whole."""
+    return replace(fit, parts=tuple(part for part in fit.parts if part.n_residuals), loads=None)
 
 
 def find_two_groups(

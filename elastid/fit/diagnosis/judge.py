@@ -23,6 +23,7 @@ from elastid.fit.diagnosis.hypothesis import (
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
+from elastid.fit.diagnosis.static_loads import static_notes
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
@@ -67,5 +68,6 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
+    static = static_notes(result)
     of_families = (note for family_notes in by_family.values() for note in family_notes)
-    return replace(result, notes=(*of_families, *causes, *apart, *notes, *inertias, *estimate, *undetectable))
+    return replace(result, notes=(*of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable))

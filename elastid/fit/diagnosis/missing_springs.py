@@ -163,7 +163,8 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
         end = solve(spring.fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
-    drop = min(optimum.fit.evaluate(optimum.end.x).cost, scores.cost) - end.cost
+    before = replace(optimum.fit, loads=None).evaluate(optimum.end.x).cost
+    drop = min(before, scores.cost) - end.cost
     if not drop > 0:
         return None
     estimates = dict(zip(spring.fit.parameters.free_names, end.x.tolist(), strict=True))

@@ -49,7 +49,10 @@ AS_READ = Reading("as read", "", lambda _, values: values)
 
 
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
-    """The fit on every so many lines of each configuration, at least 20, about so many real residuals in total."""
+    """The fit on every so many lines of each configuration, at least 20, about so many real residuals in total.
+
+    Without static load tests, which say nothing about readings of the responses.
+    """
     every = max(1, math.ceil(fit.n_residuals / residuals))
 
     def thin(part: Part) -> Part:
@@ -58,7 +61,7 @@ def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
         whitening = part.whitening and part.whitening.lines(lines)
         return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
 
-    return replace(fit, parts=tuple(thin(part) for part in fit.parts))
+    return replace(fit, parts=tuple(thin(part) for part in fit.parts), loads=None)
 
 
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:

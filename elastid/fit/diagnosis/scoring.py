@@ -90,7 +90,7 @@ def at_file(evidence: Evidence) -> Evidence | None:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
-    """A and b with the priors, and with numbers that are off by more than their tolerance; those, and V of the priors.
+    """A and b with priors and static loads, and numbers that are off by more than their tolerance; those, and that V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """
@@ -99,6 +99,9 @@ def _with_priors(
     n_x = len(free)
     A[range(n_x), range(n_x)] += weight
     b[:n_x] += pull
+    r, J = evidence.optimum.fit.static(evidence.optimum.end.x)
+    A[:n_x, :n_x] += lines * J.T @ J
+    b[:n_x] += lines * J.T @ r
     shifted = [i for i, p in enumerate(free) if p.tolerated and slope[i] > 0]
     A, b = np.pad(A, (0, len(shifted))), np.append(b, -pull[shifted])
     numbers = []
@@ -108,7 +111,7 @@ def _with_priors(
         hypothesis = hypothesis_of(parameter.name, evidence.hypotheses)
         number = hypothesis.number(parameter.name, prior.mean if prior is not None else 0.0, parameter.unit, True)
         numbers.append(replace(number, log=parameter.log))
-    return A, b, numbers, float(lines * distance @ distance)
+    return A, b, numbers, float(lines * (distance @ distance + r @ r))
 
 
 def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:

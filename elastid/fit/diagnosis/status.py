@@ -11,6 +11,8 @@ measured noise and declared floor.
 By a number that the fit held, or a spring that the robot's file lacks, where all blocks may err equally or V is that of
 the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
 noise, by `drop`, and moves a parameter by `effect` of its standard deviations.
+
+By static load tests that contradict the responses (`static_loads`).
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
+from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
 
@@ -94,6 +97,8 @@ def with_status(evidence: Evidence) -> FitResult:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
     if misfit := _by_held_number(evidence):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
+    if result.static is not None and result.static.disagrees:
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{contradiction(result.static)}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"

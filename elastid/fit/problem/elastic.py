@@ -21,6 +21,7 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
+from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -105,12 +106,13 @@ class Part:
 class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
-    inertias: bodies whose inertia must stay physically possible.
+    inertias: bodies whose inertia must stay physically possible.  loads: static load tests, if there are any.
     """
 
     parameters: ParameterSet
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
+    loads: StaticLoads | None = None
 
     def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
         """The same with what another fit of the same data and weights has worked out of them."""
@@ -119,7 +121,8 @@ class ElasticFit:
     @property
     def n_residuals(self) -> int:
         """Real residuals that count."""
-        return sum(part.n_residuals for part in self.parts)
+        of_loads = 0 if self.loads is None else self.loads.n_residuals
+        return sum(part.n_residuals for part in self.parts) + of_loads
 
     @property
     def problem(self) -> LeastSquares:
@@ -145,6 +148,8 @@ class ElasticFit:
             theta, T = self.theta(group[0], x), self._chain(group[0], x)
             costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
             V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
+        r, J = self.static(x)
+        V, g, A = V + float(r @ r), g + J.T @ r, A + J.T @ J
         distance, slope = self.priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V += float(distance @ distance)
@@ -160,14 +165,21 @@ class ElasticFit:
         return tuple(map(tuple, groups.values()))
 
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked."""
+        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked: responses, static loads, priors."""
         rows = []
         for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
             used = np.repeat((part.gain > 0).ravel(), 2)
             rows.append((as_real(r).ravel()[used], as_real(J).reshape(len(J), -1)[:, used].T))
+        rows.append(self.static(x))
         distance, slope = self.priors(x)
         rows.append((distance[slope > 0], np.diag(slope)[slope > 0]))
         return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
+
+    def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError where the robot finds no rest under them."""
+        if self.loads is None:
+            return np.zeros(0), np.zeros((0, len(x)))
+        return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""

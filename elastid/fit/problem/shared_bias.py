@@ -86,6 +86,9 @@ def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: Flo
     n, known = len(x) + len(c), np.flatnonzero(slope)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([np.zeros(len(x)), c])
     g[known] = slope[known] * r_priors
+    r_static, J_static = fit.static(x)
+    A[: len(x), : len(x)] += J_static.T @ J_static
+    g[: len(x)] += J_static.T @ r_static
     for part, response in zip(fit.parts, responses, strict=True):
         mixing = part.mixing
         r, J = fit.block(part, x, mixing)

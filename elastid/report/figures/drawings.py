@@ -18,6 +18,7 @@ from elastid.report.figures import design, fit, friction, modes, responses, vali
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.validation.predicted import PredictedResponse
 from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
 
@@ -107,6 +108,8 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     replays = {replay.configuration: replay for replay in content.validation.replays}
     left_out = {agreement.configuration for agreement in content.validation.left_out}
     model_std = content.model_std or (None,) * len(content.frf)
+    for i, each in enumerate(content.validation.at_tool, start=1):
+        yield from predicted_drawings(f"tool-{i}", each)
     dense = content.dense or (None,) * len(content.frf)
     files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
     for file, (measured, modelled), std, model in zip(files, content.frf, model_std, dense, strict=True):
@@ -122,6 +125,18 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
         if name in mode_rows:
             yield _modes_drawing(file, mode_rows[name], title, measured.rate_is_known)
         yield from quality_drawings(file, measured, title)
+
+
+def predicted_drawings(file: str, each: PredictedResponse) -> Iterator[Drawing]:
+    """A record at the tool, which was not fitted, and its prediction, both with their bands."""
+    title = f"{each.configuration}, motors {each.motors}: measured at the tool, and predicted"
+    caption = f"{each.words}; bands of one standard deviation of either."
+    draw = partial(responses.frf_magnitude, each.measured, each.predicted, title, each.std)
+    yield Drawing(f"{file}-magnitude", "why", caption, draw)
+    phase = partial(responses.frf_phase, each.measured, each.predicted, title)
+    yield Drawing(
+        f"{file}-phase", "why", f"phase of {each.configuration}, measured and predicted.", phase, on_page=False
+    )
 
 
 def response_drawings(

@@ -128,7 +128,8 @@ def _text(content: ReportContent) -> Iterator[str]:
     yield from wrapped(content.verdict)
     if content.result.message != content.verdict:
         yield from wrapped(content.result.message)
-    for words in (content.validation.folded, content.validation.cost, content.validation.replayed):
+    predicted = [f"Predicted: {each.words}." for each in content.validation.predictions]
+    for words in (content.validation.folded, content.validation.cost, content.validation.replayed, *predicted):
         yield from wrapped(words) if words else ()
     yield ""
     rows = parameter_rows(content.result, content.truth, content.contents)

@@ -22,8 +22,9 @@ from elastid.study.checks.experiment import (
 )
 from elastid.study.checks.fit import check_fit, check_model, check_moved_inertias
 from elastid.study.checks.friction import check_friction
+from elastid.study.checks.loads import check_loads
 from elastid.study.checks.names import check_names
-from elastid.study.checks.recorded import check_recorded, check_responses
+from elastid.study.checks.recorded import check_recorded, check_responses, check_tool
 from elastid.study.checks.unused import check_unused
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -58,6 +59,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_model(("model",), study.model, study.robot)
     yield from check_moved_inertias(study)
     yield from check_fit(study)
+    yield from check_loads(study)
+    yield from check_tool(study, base)
     configurations, left_out = list(experiment.configurations), study.validation.left_out
     yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
     if configurations and study.design is None and set(left_out) >= set(configurations):

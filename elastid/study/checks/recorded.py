@@ -71,11 +71,7 @@ def check_files(
     """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
     configurations, is_friction = study.experiment.configurations, study.friction is not None
     for i, file in enumerate(files):
-        place = base / file.path
-        if not is_log(place):
-            neighbours = _neighbours(place)
-            hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-            yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}", head=True)
+        yield from _check_exists(base / file.path, (*path, "files", i, "path"))
         if not file.configuration and not is_friction:
             yield Problem((*path, "files", i, "configuration"), "this key is required", at_key=True)
         elif file.configuration and file.configuration not in configurations:
@@ -84,6 +80,39 @@ def check_files(
         if name not in {file.configuration for file in files} and not is_friction:
             message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
+
+
+def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
+    if not is_log(place):
+        neighbours = _neighbours(place)
+        hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
+        yield Problem(path, f"no such file (looked for {place}){hint}", head=True)
+
+
+def check_tool(study: Study, base: Path) -> Iterator[Problem]:
+    """Files of responses at the tool exist, in configurations of the study, with inputs that its frames take."""
+    tool = study.validation.tool
+    if tool is None:
+        return
+    path: KeyPath = ("validation", "tool", "responses")
+    for i, file in enumerate(tool.responses.files):
+        yield from _check_exists(base / file.path, (*path, "files", i, "path"))
+        if file.configuration not in study.experiment.configurations:
+            names = study.experiment.configurations
+            yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, names)
+    robot = study.as_robot()
+    inputs = robot.load_locations + (() if tool.motors == "held" else robot.motor_locations)
+    for i, channel in enumerate(tool.responses.channels):
+        place: KeyPath = (*path, "channels", i)
+        if channel.role == "u" and channel.at not in inputs:
+            yield unknown((*place, "at"), "input", channel.at, inputs)
+        elif channel.role == "y":
+            yield from check_place((*place, "at"), channel.at, robot)
+        elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
+            message = (
+                f"{channel.at} takes a {channel.at.partition(' ')[0]}; give quantity: {channel.at.partition(' ')[0]}"
+            )
+            yield Problem((*place, "quantity"), message)
 
 
 def _neighbours(place: Path) -> list[str]:

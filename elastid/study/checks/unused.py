@@ -33,9 +33,10 @@ _FILES = "experiment.recorded.files.*."
 UNUSED = (
     Unused(_FRICTION, ("excitation", "design"), "friction is measured by passes and loops, not by {key}; drop this "
            "section, or friction"),
-    Unused(_FRICTION, ("estimator", "model", "fit", "compare"), "no stage of a study of friction uses {key}; drop this "
-           "section, or friction"),
-    Unused(_FRICTION, ("validation.folds",), "a study of friction has no folds; name logs in validation.left_out"),
+    Unused(_FRICTION, ("estimator", "model", "fit", "compare", "loads"), "no stage of a study of friction uses {key}; "
+           "drop this section, or friction"),
+    Unused(_FRICTION, ("validation.folds", "validation.tool"), "a study of friction has no {key}; name logs in "
+           "validation.left_out"),
     Unused(("friction",), ("validation.left_out",), "it names logs, and this experiment is simulated; drop this key"),
     Unused(("friction",), tuple(f"experiment.{key}" for key in (*PLAN_KEYS, "experiments")), "it is of multisines; the "
            "motions of a study of friction are given in friction: drop this key"),
@@ -46,7 +47,8 @@ UNUSED = (
            "more; drop this section"),
     Unused(("simulated", *_LOGS, *_RESPONSES), ("filter",), "a filter follows friction; give friction (the joints), or "
            "drop it"),
-    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "validation", "compare"), "this section "
+    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "validation", "compare"), "this "
+           "section "
            "needs a robot, and the study has none; give robot: its file, or drop the section"),
     Unused((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in PLAN_KEYS), "the "
            "experiment is {kind}: its files determine this; drop the key (files[].realisation numbers realisations, "

@@ -1,0 +1,124 @@
+"""The `loads` section of a study: static load tests, deflections of frames under stated loads with the motors held."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Annotated, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.section import Key, section
+from elastid.base.units import Force, JointPosition, Length, Mass, Torque
+from elastid.robot import TOOL
+from elastid.robot.placement import Axis, unit_axis
+
+Deflection: TypeAlias = Length | tuple[Length, Length, Length]
+SquareLengths: TypeAlias = tuple[float, float, float, float, float, float]  # m^2
+
+
+@section
+class LoadTest:
+    """A load on a frame and the deflection of a frame from the unloaded robot to the loaded one, motors held."""
+
+    # fmt: off
+    configuration: Annotated[str, Key("Name of the configuration in which the robot stood; or give `angles`.",
+        "a name where responses were measured in the same posture.")] = ""
+    angles: Annotated[tuple[JointPosition, ...] | None, Key("Angles of the driven joints (m where a joint slides), in "
+        "place of a configuration.", "for load tests in postures of their own; choose those in which the load bends "
+        "the springs that the responses barely constrain.")] = None
+    frame: Annotated[str, Key("Frame at whose origin the load acts.", "the frame of the hook or of the flange, not the "
+        "place of the dial gauge.")] = TOOL
+    force: Annotated[tuple[Force, Force, Force], Key("Force on the frame, in the axes of the base.", "as large as the "
+        "robot may carry: the deflection grows with it, the error of the gauge does not.")] = (0.0, 0.0, 0.0)
+    torque: Annotated[tuple[Torque, Torque, Torque], Key("Torque on the frame, in the axes of the base.", "for a lever "
+        "on the flange with two equal forces; a force at its end is a force at another frame.")] = (0.0, 0.0, 0.0)
+    mass: Annotated[Mass, Key("Mass that hangs on the frame; its weight is added to the force.", "in place of a force, "
+        "where weights are hung on.")] = 0.0
+    measured_at: Annotated[str, Key("Frame whose deflection is measured (default: that of the load).", "where the dial "
+        "touches another place, or to tell the springs before it from those behind it.")] = ""
+    along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers; "
+        "left out of a tracker, which measures x, y and z.", "the direction in which a positive reading moves.")] = None
+    deflection: Annotated[Deflection | None, Key("Measured deflection: one number of a dial gauge, three of a tracker. "
+        "A simulated rig measures it, where it is left out.", "loaded minus unloaded; the mean of loading and "
+        "unloading takes most of the gears' hysteresis out.")] = None
+    std: Annotated[Deflection | None, Key("Standard deviation of the deflection, one for all directions or three.",
+        "that of repeated loading, which contains hysteresis and friction; the resolution of the gauge alone is too "
+        "small.")] = None
+    covariance: Annotated[SquareLengths | None, Key("Covariance of a tracker's x, y and z in place of std: xx, yy, "
+        "zz, xy, xz and yz in m^2.", "where the tracker states it, whose error along its beam is the smallest.")] = None
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        if bool(self.configuration) == (self.angles is not None):
+            raise ValueError("give the posture of a load test by its configuration or by its angles, one of them")
+        if self.mass < 0:
+            raise ValueError(f"mass is {self.mass:g} kg; it must not be negative")
+        if not (np.any(self.force) or np.any(self.torque) or self.mass):
+            raise ValueError("a load test without a load; give force, torque or mass")
+        if self.along is not None:
+            unit_axis(self.along)
+        self._check_reading()
+
+    def _check_reading(self) -> None:
+        n = self.n_readings
+        if isinstance(self.deflection, tuple) != (n == 3) and self.deflection is not None:
+            raise ValueError(
+                "deflection: a dial gauge has one number and its direction `along`, a tracker three without `along`"
+            )
+        if (self.std is None) == (self.covariance is None):
+            raise ValueError("give the error of the deflection by std or by covariance, one of them")
+        if (isinstance(self.std, tuple) or self.covariance is not None) and n == 1:
+            raise ValueError("std: a dial gauge has one number, and no covariance")
+        if self.std is not None and not np.all(np.asarray(self.std) > 0):
+            raise ValueError("std of a deflection must be positive; 1 to 10 um are usual")
+        if np.linalg.eigvalsh(self.error_covariance)[0] <= 0:
+            raise ValueError(
+                "covariance of a deflection must be positive definite; its order is xx, yy, zz, xy, xz, yz"
+            )
+
+    @property
+    def n_readings(self) -> int:
+        """1 of a dial gauge, 3 of a tracker."""
+        return 3 if self.along is None else 1
+
+    @property
+    def read_at(self) -> str:
+        """The frame whose deflection is measured."""
+        return self.measured_at or self.frame
+
+    @property
+    def directions(self) -> FloatArray:
+        """Rows (n, 3): directions of the readings in the axes of the base."""
+        return np.eye(3) if self.along is None else unit_axis(self.along)[None]
+
+    @property
+    def measured(self) -> FloatArray:
+        """The readings (n,) in m; ValueError where they are still to be measured."""
+        if self.deflection is None:
+            raise ValueError("a load test without a deflection: only a simulated rig can measure it")
+        return np.atleast_1d(np.asarray(self.deflection, dtype=float))
+
+    @property
+    def error_covariance(self) -> FloatArray:
+        """Covariance (n, n) of the readings in m^2."""
+        if self.covariance is None:
+            return np.diag(np.broadcast_to(np.asarray(self.std, dtype=float), self.n_readings) ** 2)
+        xx, yy, zz, xy, xz, yz = self.covariance
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+@section
+class LoadsSpec:
+    """Static load tests, listed or in a file, whose deflections are fitted together with the responses."""
+
+    # fmt: off
+    file: Annotated[str | None, Key("CSV file with a row for each test, relative to the study: columns configuration "
+        "or the joints' names, frame, measured_at, fx fy fz, tx ty tz, mass, along_x along_y along_z with deflection "
+        "and std, or x y z with std or std_x std_y std_z, or cov_xx cov_yy cov_zz cov_xy cov_xz cov_yz; units in "
+        "brackets, `deflection [mm]`.", "where the readings are in a spreadsheet; columns that are not needed are left "
+        "out.")] = None
+    tests: Annotated[tuple[LoadTest, ...], Key("Load tests, listed here, besides those of the file.", "for a few; 20 "
+        "with loads in several directions and postures halve the intervals of springs that the motors barely "
+        "move.")] = field(default_factory=tuple)
+    # fmt: on

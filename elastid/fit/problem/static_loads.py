@@ -1,0 +1,122 @@
+r"""Deflections under static loads as residuals of unit variance, next to those of the responses.
+
+.. math:: r = W\, [y - \hat y(\theta(x))], \qquad W S W^T = 1, \qquad V = \dots + r^T r
+
+S: covariance of the readings of a test (`LoadTest`); y of `linear.loaded`, at every x that of the robot at rest there,
+nonlinear springs included. To first order y = J K^-1 J^T F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.fit.load_tests import LoadTest
+from elastid.linear.loaded import Load, LoadedRobot
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration
+from elastid.robot import Robot
+from elastid.robot.named_frames import with_frames
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTest:
+    """A load test and where the robot stood."""
+
+    test: LoadTest
+    configuration: Configuration
+
+
+def placed(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
+    """The tests in their postures; StudyError for a configuration that is not there."""
+    every = []
+    for test in tests:
+        if test.angles is not None:
+            where = Configuration("load test", np.asarray(test.angles, dtype=float))
+        elif test.configuration in configurations:
+            where = configurations[test.configuration]
+        else:
+            known = did_you_mean(test.configuration, configurations)
+            raise StudyError(f"loads: no configuration is called {test.configuration}; {known}")
+        every.append(PlacedTest(test, where))
+    return tuple(every)
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLoads:
+    """Load tests of a robot.  robot: as equations, under the loads.  measured (n,): readings of all tests.
+
+    whitening (n, n): W, block by block.
+    """
+
+    tests: tuple[LoadTest, ...]
+    robot: LoadedRobot
+    measured: FloatArray
+    whitening: FloatArray
+
+    @classmethod
+    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet) -> StaticLoads:
+        """Of a robot at the start of the parameters; StudyError for an unknown frame, or a posture without rest."""
+        loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
+        blocks = [np.linalg.inv(np.linalg.cholesky(each.test.error_covariance)) for each in tests]
+        measured = np.concatenate([each.test.measured for each in tests])
+        whitening, row = np.zeros((len(measured), len(measured))), 0
+        for block in blocks:
+            whitening[row : row + len(block), row : row + len(block)] = block
+            row += len(block)
+        return cls(tuple(each.test for each in tests), loaded, measured, whitening)
+
+    @property
+    def n_residuals(self) -> int:
+        """Readings."""
+        return len(self.measured)
+
+    @cached_property
+    def owners(self) -> list[int]:
+        """Number of the test of each reading (n,)."""
+        return [i for i, test in enumerate(self.tests) for _ in range(test.n_readings)]
+
+    def predicted(self, parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError where the robot finds no rest."""
+        names = [load.configuration.name for load in self.robot.loads]
+        deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
+        rows = [own @ parameters.jacobian(x, n)[self.robot.moved] for own, n in zip(slopes, names, strict=True)]
+        return np.concatenate(deflections), np.vstack(rows)
+
+    def residual(self, parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r (n,) and dr/dx (n, n_x)."""
+        y, slopes = self.predicted(parameters, x)
+        return self.whitening @ (self.measured - y), -self.whitening @ slopes
+
+    def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> StaticLoads:
+        """The same with readings (n,) about those of a model."""
+        error = np.linalg.solve(self.whitening, rng.standard_normal(len(predicted)))
+        return replace(self, measured=predicted + error)
+
+
+def loaded_robot(
+    tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet, x: FloatArray
+) -> LoadedRobot:
+    """The robot at x (n_x,) under the loads of tests, with slopes to what x moves."""
+    loads = tuple(load_of(each, robot) for each in tests)
+    framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
+    equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
+    names = [load.configuration.name for load in loads]
+    moved = {name for where in names for name in parameters.moved(where)}
+    return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(moved))
+
+
+def load_of(placed_test: PlacedTest, robot: Robot) -> Load:
+    """The force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
+    test, where = placed_test.test, placed_test.configuration
+    if refused := robot.count_refusal(where.angles.size):
+        raise StudyError(f"loads: {where.name}: {refused}")
+    force = np.asarray(test.force, dtype=float) + test.mass * np.asarray(robot.gravity, dtype=float)
+    return Load(where, test.frame, force, np.asarray(test.torque, dtype=float), test.read_at, test.directions)

@@ -1,0 +1,133 @@
+"""A CSV file of static load tests -> entries of `loads.tests`, with the line and column of every cell."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.study.source import KeyPath, Place, YamlSource
+
+# Columns by the key that they fill; several are its entries.
+_KEYS: Mapping[str, tuple[str, ...]] = {
+    "configuration": ("configuration",), "frame": ("frame",), "measured_at": ("measured_at",), "mass": ("mass",),
+    "force": ("fx", "fy", "fz"), "torque": ("tx", "ty", "tz"), "along": ("along_x", "along_y", "along_z"),
+    "deflection": ("x", "y", "z"), "std": ("std_x", "std_y", "std_z"),
+    "covariance": ("cov_xx", "cov_yy", "cov_zz", "cov_xy", "cov_xz", "cov_yz"),
+}  # fmt: skip
+_SINGLE = ("deflection", "std")  # also columns of one number, of dial gauges
+_TEXTS = ("configuration", "frame", "measured_at")
+_HEAD = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)\s*[\])])?$")
+
+
+def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
+    """The study with the tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
+    loads = source.data.get("loads") if isinstance(source.data, dict) else None
+    name = loads.get("file") if isinstance(loads, dict) else None
+    if not isinstance(loads, dict) or not isinstance(name, str):
+        return source
+    place, path = source.place(("loads", "file"), of_value=True), folder / name
+    if not path.is_file():
+        raise StudyError(f"{place}: loads.file: no such file (looked for {path}; the path is relative to the study)")
+    listed = loads.get("tests") or []
+    if not isinstance(listed, list):
+        return source
+    robot = source.data.get("robot")
+    tests, places = _tests(path, len(listed), _joints(robot))
+    data = {**source.data, "loads": {**loads, "tests": [*listed, *tests]}}
+    return YamlSource(data, {**source.places, **places}, source.text)
+
+
+def _joints(robot: Any) -> tuple[str, ...]:
+    """Names of the driven joints of a robot, as far as it has been read."""
+    if hasattr(robot, "driven"):
+        return tuple(joint.name for joint in robot.driven)
+    bodies = robot.get("bodies") if isinstance(robot, dict) else None
+    joints = (j for b in bodies or [] if isinstance(b, dict) for j in b.get("joints") or [] if isinstance(j, dict))
+    return tuple(str(joint.get("name")) for joint in joints if joint.get("motor") is not None)
+
+
+def _tests(
+    path: Path, first: int, joints: Sequence[str]
+) -> tuple[list[dict[str, Any]], dict[KeyPath, tuple[Place, Place]]]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise StudyError(f"{path}:1:1: not a text in UTF-8 (byte 0x{error.object[error.start]:02x})") from None
+    rows = [(number, next(csv.reader([line]), [])) for number, line in enumerate(lines, start=1)]
+    rows = [(number, row) for number, row in rows if any(row) and not row[0].lstrip().startswith("#")]
+    if len(rows) < 2:
+        raise StudyError(f"{path}:1:1: a file of load tests has a row of names and a row for each test")
+    (line, heads), *rest = rows
+    columns = [_column(path, line, _start(heads, i), head, joints) for i, head in enumerate(heads)]
+    tests, places = [], dict[KeyPath, tuple[Place, Place]]()
+    for i, (number, row) in enumerate(rest, start=first):
+        if len(row) != len(heads):
+            raise StudyError(f"{path}:{number}:1: {len(row)} cells, and {len(heads)} names in line {line}")
+        cells = {
+            column: (f"{cell.strip()}{unit and f' {unit}'}", Place(1, number, _start(row, at), str(path)))
+            for at, (cell, (column, unit)) in enumerate(zip(row, columns, strict=True))
+            if cell.strip()
+        }
+        tests.append(_test(cells, joints, ("loads", "tests", i), places, Place(1, number, 1, str(path))))
+    return tests, places
+
+
+def _start(row: Sequence[str], at: int) -> int:
+    """The column, from 1, at which a cell starts."""
+    return 1 + sum(len(cell) + 1 for cell in row[:at])
+
+
+def _column(path: Path, line: int, column: int, head: str, joints: Sequence[str]) -> tuple[str, str]:
+    """Name and unit of a column."""
+    match = _HEAD.match(head.strip())
+    name, unit = (match["name"], match["unit"] or "") if match else (head.strip(), "")
+    bare = name.removeprefix("joint ").strip()
+    if bare in joints:
+        return f"joint {bare}", unit
+    known = [*_SINGLE, *(each for names in _KEYS.values() for each in names)]
+    if name not in known:
+        raise StudyError(
+            f"{path}:{line}:{column}: no column of load tests is called '{name}'; "
+            f"{did_you_mean(name, [*known, *joints])}"
+        )
+    return name, unit
+
+
+def _test(
+    cells: Mapping[str, tuple[str, Place]], joints: Sequence[str], path: KeyPath,
+    places: dict[KeyPath, tuple[Place, Place]], start: Place,
+) -> dict[str, Any]:  # fmt: skip
+    """The keys of a test; their places are added to `places`."""
+    test: dict[str, Any] = {}
+    places[path] = start, start
+
+    def give(key: str, names: Sequence[str]) -> None:
+        given = [cells.get(name, ("0", start)) for name in names]
+        values = [_value(text) if key not in _TEXTS else text for text, _ in given]
+        test[key] = values if len(names) > 1 else values[0]
+        places[*path, key] = given[0][1], given[0][1]
+        for i, (_, place) in enumerate(given if len(names) > 1 else []):
+            places[*path, key, i] = place, place
+
+    for key in _SINGLE:
+        if key in cells:
+            give(key, (key,))
+    for key, names in _KEYS.items():
+        if key not in test and any(name in cells for name in names):
+            give(key, names)
+    if "configuration" not in test and any(f"joint {name}" in cells for name in joints):
+        give("angles", [f"joint {name}" for name in joints])
+        test["angles"] = test["angles"] if isinstance(test["angles"], list) else [test["angles"]]
+    return test
+
+
+def _value(text: str) -> float | str:
+    """A number of a cell without a unit; else the text, which the section reads or refuses."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

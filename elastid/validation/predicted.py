@@ -1,0 +1,108 @@
+r"""Responses that were not fitted next to the prediction of `FitResult.at`, each with its band.
+
+Left-out configurations, of motors, and tool-side records: a hammer or an accelerometer at the tool. The prediction has
+the errors of parameters, of the robot's file and of a misfit; the lags, delays and gains of a measurement of motors, of
+which `at` knows nothing, are those of the fitted model,
+
+.. math:: G = H \cdot G_{at}, \qquad H = G_{fitted} / G_{at}
+
+element by element and line by line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.propagation import LEVEL
+from elastid.fit.posture import Asked, as_configuration
+from elastid.fit.result import FitResult
+from elastid.linear.posture_model import Motors
+from elastid.response import FrequencyResponse
+
+# 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
+CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
+
+
+@frozen_value(eq=False)
+class PredictedResponse:
+    """A measured response and the prediction of the fitted robot, on the same lines.
+
+    pointwise, simultaneous (F, n_y, n_u): distances from the prediction within which the truth is with 95 %, at each
+    line and at all lines of an element.  std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
+    """
+
+    measured: FrequencyResponse
+    predicted: FrequencyResponse
+    std: FloatArray = labelled("standard deviation of the prediction")
+    pointwise: FloatArray = labelled("95 % of the truth, line by line")
+    simultaneous: FloatArray = labelled("95 % of the truth, all lines")
+    motors: str
+    by: str
+
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.measured.configuration.name
+
+    @property
+    def measured_std(self) -> FloatArray:
+        """Standard deviation (F, n_y, n_u) of the measured response, 0 where it is not known."""
+        known = self.measured.uncertainty
+        return np.zeros(self.measured.G.shape) if known is None else np.sqrt(known.variance)
+
+    @property
+    def _agrees(self) -> BoolArray:
+        radius = np.hypot(self.pointwise, CIRCULAR_95 * self.measured_std)
+        return np.asarray(np.abs(self.measured.G - self.predicted.G) <= radius)
+
+    @property
+    def inside(self) -> float:
+        """Share of the lines of all elements on which both agree within their 95 % bands together."""
+        return float(np.mean(self._agrees))
+
+    @property
+    def rms_log_db(self) -> float:
+        """Root mean square of 20 log10 of measured over predicted magnitude, of lines well above the noise."""
+        judged = np.abs(self.measured.G) > 2 * self.measured_std
+        ratio = np.abs(self.measured.G[judged]) / np.maximum(np.abs(self.predicted.G[judged]), 1e-300)
+        return float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if judged.any() else np.nan
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
+        return (
+            f"{self.configuration}, motors {self.motors}: {places}: {self.rms_log_db:.2g} dB rms between measurement "
+            f"and prediction; {100 * self.inside:.0f} % of the lines agree within both 95 % bands"
+        )
+
+
+def predict_response(
+    result: FitResult,
+    measured: FrequencyResponse,
+    motors: Motors = "free",
+    modelled: FrequencyResponse | None = None,
+) -> PredictedResponse:
+    """The prediction of a response; modelled: of the fitted model with the measurement's own dynamics, if it has any.
+
+    StudyError for places that the robot lacks, and where it finds no rest.
+    """
+    asked = Asked(measured.inputs, measured.outputs, motors, quantity=measured.quantity)
+    family = result.family(asked, measured.configuration.name)
+    where = as_configuration(measured.configuration, family.robot, ())
+    band = family.at(where).response_band(measured.freq_hz, LEVEL)
+    H = np.ones(band.G.shape, complex) if modelled is None else _measuring(modelled.G, band.G)
+    size = np.abs(H)
+    predicted = replace(band.response, G=H * band.G, configuration=measured.configuration)
+    return PredictedResponse(
+        measured, predicted, size * band.std, size * band.pointwise, size * band.simultaneous, motors, band.by
+    )
+
+
+def _measuring(modelled: ComplexArray, G: ComplexArray) -> ComplexArray:
+    """H (F, n_y, n_u); 1 where an element does not couple."""
+    tiny = np.abs(G) <= 1e-12 * np.abs(G).max(initial=0.0)
+    return np.where(tiny, 1.0, modelled / np.where(tiny, 1.0, G))

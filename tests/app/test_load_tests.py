@@ -1,0 +1,99 @@
+"""Load tests and records at the tool, from a study on disk to its summaries and page."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app import cli
+from elastid.base.errors import StudyError
+from elastid.study import load_study
+
+FRAME = "frames: [{name: tool, body: load, placement: {xyz: [0.4, 0, 0]}}]\n"
+LISTED = """\
+loads:
+  file: loads.csv
+  tests:
+    - {configuration: a, force: [0, 30, 0], along: y, std: 1 um}
+    - {angles: [10 deg], torque: [0, 0, 5], std: [1 um, 1 um, 1 um]}
+"""
+TOOL = """\
+validation:
+  left_out: [b]
+  tool:
+    motors: held
+    responses:
+      files: [{path: hammer.csv, configuration: b}]
+      channels:
+        - {role: u, at: force tool y, quantity: force, column: 1}
+        - {role: y, at: frame tool y, quantity: acceleration, column: 1}
+      relative_std: 0.02
+"""
+CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [um]\nb,10,0,0,1,0,0,,1\n"
+
+
+def write(tiny: Path, further: str = LISTED + TOOL, csv: str = CSV) -> Path:
+    robot = tiny.parent / "robot.yml"
+    robot.write_text(robot.read_text() + FRAME)
+    tiny.write_text(tiny.read_text() + further)
+    (tiny.parent / "loads.csv").write_text(csv)
+    f = np.linspace(5, 80, 60)
+    s = 2j * np.pi * f
+    G = s**2 * 0.4**2 / (1e-3 * s**2 + 0.01 * s + 60)
+    rows = np.column_stack([f, G.real, G.imag])
+    np.savetxt(tiny.parent / "hammer.csv", rows, delimiter=",", header="freq_hz,re_1_1,im_1_1", comments="")
+    return tiny
+
+
+@pytest.mark.slow
+def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The simulated rig measures the deflections; the hammer's response is predicted; both are on the page."""
+    path = write(tiny)
+    folder = tiny.parent / "run"
+    assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
+    summary = json.loads((folder / "summary.json").read_text())
+    loads = summary["static_loads"]
+    assert [each["configuration"] for each in loads["readings"]] == ["a", "load test", "load test", "load test", "b"]
+    turned = 0.0
+    for _ in range(50):  # 60 N m/rad hold 30 N at 0.4 m
+        turned = 0.4 * 30 * np.cos(turned) / 60
+    assert abs(loads["readings"][0]["measured"] - 0.4 * np.sin(turned)) < 5e-6
+    assert loads["cause"] == ""
+    predictions = json.loads((folder / "validation.json").read_text())["predictions"]
+    assert [(each["configuration"], each["motors"]) for each in predictions] == [("b", "free"), ("b", "held")]
+    assert predictions[1]["inside"] > 0.9
+    page = (folder / "report.html").read_text()
+    assert "Predicted where it was not fitted" in page
+    assert "static load tests" in page
+    assert "predicted: b, motors held: frame tool y by force tool y" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("csv", "words"),
+    [
+        (CSV.replace("b,10", "c,10"), "loads.csv:2:1: loads.tests[2].configuration: no configuration is called 'c'"),
+        (CSV.replace("b,10", "b,ten"), "loads.csv:2:3: loads.tests[2].force[0]: 'ten' is not a number with a unit"),
+        (CSV.replace("fx", "f_x"), "loads.csv:1:15: no column of load tests is called 'f_x'"),
+        (CSV.replace("0,,1", "0,1"), "loads.csv:2:1: 8 cells, and 9 names in line 1"),
+        (CSV.replace("b,10", "b,0"), "loads.csv:2:3: loads.tests[2].force: a load test without a load"),
+        (CSV.replace("b,10", "b,nan"), "loads.csv:2:3: loads.tests[2].force[0]: expected a finite number"),
+        (CSV.replace("[mm]", "[kg]").replace("0,,1", "0,5,1"), "unit 'kg' measures kg, not m"),
+        ("", "a row of names and a row for each test"),
+    ],
+)
+def test_a_fault_in_the_file_is_named_at_its_cell(tiny: Path, csv: str, words: str) -> None:
+    """Line and column of the CSV file, and the key that it fills."""
+    with pytest.raises(StudyError) as error:
+        load_study(write(tiny, LISTED, csv))
+    assert words in str(error.value), str(error.value)
+
+
+def test_faults_in_the_study_are_named(tiny: Path) -> None:
+    """A frame, a file and a channel that are not there."""
+    wrong = (LISTED + TOOL).replace("force tool y", "force hook y").replace("hammer.csv", "hamer.csv")
+    wrong = wrong.replace("std: 1 um}", "std: 1 um, frame: hok}")
+    with pytest.raises(StudyError) as error:
+        load_study(write(tiny, wrong))
+    for words in ("frame or body is called 'hok'", "no such file", "no input is called 'force hook y'"):
+        assert words in str(error.value), str(error.value)

@@ -1,0 +1,61 @@
+"""Static load tests against responses: faults of the tests are found and named, true ones are not."""
+
+import numpy as np
+import pytest
+from plants.data_sheet_arm import arm, measure
+from plants.loaded_arm import NAMED, load_tests
+
+from elastid.fit.identify import identify
+from elastid.fit.problem.static_loads import placed
+from elastid.fit.spec import FitSpec, ParameterSpec
+
+SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
+
+
+def fitted(changed=lambda y, force: y, robot=None):
+    tests = load_tests(robot or arm(), np.random.default_rng(5), changed=changed)
+    return identify(measure(arm(), np.random.default_rng(6)), arm(), SPEC, loads=placed(tests, NAMED))
+
+
+def softer(factor):
+    return arm().with_parameters({"k_2": factor * arm().parameters()["k_2"][0]})
+
+
+CASES = {
+    "factor": (lambda y, force: 1.2 * y, None, "all springs are softer at rest"),
+    "friction": (lambda y, force: 0.8 * y, None, "all springs are stiffer at rest"),
+    "slack": (lambda y, force: y + 1e-4 * y / np.linalg.norm(y), None, "whatever the load: hysteresis or backlash"),
+    "base": (lambda y, force: y + force / 1e6, None, "the base is elastic"),
+    "stand": (lambda y, force: y - force / 1e6, None, "put it on the ground"),
+    "spring": (lambda y, force: y, 0.7, "as if k_2 were 0.7"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_a_fault_is_a_misfit_with_its_cause(case):
+    """Deflections of another stiffness, of slack, and of a base that gives way."""
+    changed, factor, words = CASES[case]
+    result = fitted(changed, None if factor is None else softer(factor))
+    assert result.status == "misfit"
+    assert "static load tests contradict the responses" in result.message
+    assert words in result.static.cause, result.static.cause
+    assert [note for note in result.notes if note.code == "static-stiffness"]
+
+
+def test_the_ratio_and_wider_intervals():
+    """A factor 1.2 is found as such; intervals that contain the pull of both hold the truth."""
+    result = fitted(lambda y, force: 1.2 * y)
+    assert abs(result.static.ratio - 1.2) < 4 * result.static.ratio_std + 1e-3
+    assert result.static.ratio_std < 0.05
+    for name in ("k_1", "k_2"):
+        low, high = result.interval(name)
+        assert low < arm().parameters()[name][0] < high
+
+
+def test_true_tests_agree():
+    """Ratio 1 within its error, no note."""
+    result = fitted()
+    assert result.status == "converged"
+    assert abs(result.static.ratio - 1) < 3.5 * result.static.ratio_std
+    assert not [note for note in result.notes if note.code == "static-stiffness"]

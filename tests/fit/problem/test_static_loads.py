@@ -1,0 +1,105 @@
+"""Static load tests in the least-squares problem: derivatives, counts, information, and what they do to a fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.data_sheet_arm import arm, measure
+from plants.loaded_arm import CONFIGURATIONS, NAMED, load_tests
+
+from elastid.base.errors import StudyError
+from elastid.fit.assembly import Assembly
+from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.load_tests import LoadTest
+from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.static_loads import placed
+from elastid.fit.spec import FitSpec, ParameterSpec
+
+SPRINGS = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
+
+
+@pytest.fixture(scope="module")
+def responses():
+    return measure(arm(), np.random.default_rng(0), noise=0.05)
+
+
+def test_slopes_and_counts_of_the_problem(responses):
+    """J by differences; dof grows by the readings, of which V expects one each."""
+    parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
+    tests = load_tests(arm(), np.random.default_rng(1))
+    with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(
+        parameters.x, "complex"
+    )
+    without = replace(with_loads, loads=None)
+    x = parameters.x + np.array([0.1, -0.2])
+    r, J = with_loads.static(x)
+    assert with_loads.problem.dof == without.problem.dof + len(r)
+    for i in range(2):
+        step = 1e-5 * np.eye(2)[i]
+        both = [with_loads.static(x + sign * step)[0] for sign in (1, -1)]
+        np.testing.assert_allclose(J[:, i], (both[0] - both[1]) / 2e-5, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(with_loads.evaluate(x).cost - without.evaluate(x).cost, r @ r, rtol=1e-9)
+    np.testing.assert_allclose(with_loads.evaluate(x).gradient - without.evaluate(x).gradient, 2 * J.T @ r, rtol=1e-6)
+    assert len(with_loads.residual(x)[0]) == with_loads.n_residuals
+
+
+def test_covariance_adds_the_information_of_the_loads(responses):
+    """C^-1 = C_responses^-1 + J^T J where the noise is known: a fit with load tests, held against that."""
+    tests = load_tests(arm(), np.random.default_rng(2), std=2e-6)
+    alone, both = (
+        fit_parameters(responses, arm(), SPRINGS),
+        identify(responses, arm(), SPRINGS, loads=placed(tests, NAMED)),
+    )
+    parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
+    fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(both.x, "complex")
+    _, J = fit.static(both.x)
+    expected = np.linalg.inv(np.linalg.inv(alone.covariance) + J.T @ J)
+    np.testing.assert_allclose(np.diag(both.covariance), np.diag(expected), rtol=0.25)
+    assert both.status == "converged", both.message
+    assert np.all(np.abs(both.x - parameters.x) < 4 * np.sqrt(np.diag(both.covariance)))
+    assert len(both.static.readings) == sum(test.n_readings for test in tests)
+    assert not both.static.disagrees
+    assert max(reading.by_responses_std for reading in both.static.readings) > 1e-7
+
+
+@pytest.mark.slow
+def test_known_forces_narrow_the_gain_of_the_torque(responses):
+    """A free torque gain next to stiffnesses: forces that are known in N say which is which."""
+    free = FitSpec(parameters={"k_*": ParameterSpec(), "gain_u_motor_1": ParameterSpec()}, starts=1)
+    tests = load_tests(arm(), np.random.default_rng(3), std=2e-6)
+    with_loads = identify(responses, arm(), free, loads=placed(tests, NAMED))
+    assert with_loads.std["gain_u_motor_1"] < fit_parameters(responses, arm(), free).std["gain_u_motor_1"]
+
+
+def test_what_a_test_must_say():
+    """Posture once, a load, a direction of dials, an error; positive definite."""
+    good = {"configuration": "c0", "force": (0, 0, -1), "std": 1e-6}
+    assert LoadTest(**good, deflection=(0, 0, 0)).n_readings == 3
+    for wrong, words in (
+        ({"angles": (0.1, 0.2)}, "one of them"), ({"force": (0, 0, 0)}, "without a load"),
+        ({"deflection": 1e-3}, "a tracker three"), ({"deflection": (0, 0, 0), "along": "z"}, "a dial gauge has one"),
+        ({"std": None}, "std or by covariance"), ({"std": -1e-6}, "must be positive"),
+        ({"mass": -1}, "not be negative"),
+        ({"std": None, "covariance": (1, 1, 1, 2, 0, 0)}, "positive definite"),
+        ({"along": (0, 0, 0)}, "zero vector"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            LoadTest(**{**good, **wrong})
+
+
+def test_unknown_places_are_named():
+    """A configuration and a frame that are not there."""
+    test = LoadTest(configuration="c7", force=(0, 0, -1), std=1e-6, deflection=(0, 0, 0))
+    with pytest.raises(StudyError, match="no configuration is called c7; there are c0"):
+        placed([test], NAMED)
+
+
+@pytest.mark.slow
+def test_repetitions_of_the_bootstrap_draw_the_readings_too(responses):
+    """Standard deviations of 40 repetitions, within a factor of two of the covariance."""
+    tests = load_tests(arm(), np.random.default_rng(4), std=2e-6)
+    spec = replace(SPRINGS, bootstrap=40, seed=1)
+    both = identify(responses, arm(), spec, loads=placed(tests, NAMED))
+    width = np.log(both.bootstrap95[:, 1] / both.bootstrap95[:, 0]) / (2 * 1.96)
+    ratio = width / np.sqrt(np.diag(both.covariance))
+    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio

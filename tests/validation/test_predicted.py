@@ -1,0 +1,80 @@
+"""Responses at the tool against the prediction: closed form, bands that hold, and chains of a measurement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.predicted_arm import closed_form, rest, result, robot
+
+from elastid.base.errors import StudyError
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.predicted import predict_response
+
+WHERE = Configuration("tapped", np.array([0.4, -0.6]))
+LINES = np.linspace(2, 60, 80)
+
+
+def hammer(std: float = 0.0, seed: int = 0) -> FrequencyResponse:
+    """Acceleration of the tool by forces on it, own axes; the closed form of the nominal arm with its motors held."""
+    M, D, K, J = closed_form(WHERE.angles)
+    s = 2j * np.pi * LINES[:, None, None]
+    G = s**2 * J @ np.linalg.solve(s**2 * M + s * D + K, J.T.astype(complex))
+    angle = float(np.sum(rest(WHERE.angles)))
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    G = turn.T @ G @ turn
+    rng = np.random.default_rng(seed)
+    error = std * np.abs(G) * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+    noise = Covariance((std * np.abs(G)) ** 2, np.inf) if std else None
+    return FrequencyResponse(
+        LINES, G + error, ("force tool x", "force tool z"), ("frame tool x", "frame tool z"), "acceleration", WHERE,
+        noise=noise,
+    )  # fmt: skip
+
+
+def test_a_hammer_response_is_the_closed_form() -> None:
+    """Without noise the prediction at the true numbers is the measurement, to rounding."""
+    each = predict_response(result(), hammer(), "held")
+    np.testing.assert_allclose(each.predicted.G, each.measured.G, rtol=1e-8)
+    assert each.inside == 1.0
+    assert each.rms_log_db < 1e-6
+    assert "force tool x" in each.words
+
+
+@pytest.mark.slow
+def test_both_bands_hold_what_they_say() -> None:
+    """Fits whose numbers are off by their std, noise of 5 %: 90 to 99.9 % of the lines agree."""
+    shares = []
+    for seed in range(20):
+        fit, rng = result(), np.random.default_rng(seed)
+        off = replace(fit, x=fit.x + np.linalg.cholesky(fit.covariance) @ rng.standard_normal(len(fit.x)))
+        shares.append(predict_response(off, hammer(0.05, seed), "held").inside)
+    assert 0.9 < np.mean(shares) < 0.999
+
+
+def test_a_wrong_robot_is_outside() -> None:
+    """A stiffness that is 30 % off, stated to 2 %."""
+    fit = result()
+    off = replace(fit, x=fit.x + 0.3 * np.array([name.startswith("k") for name in fit.parameters.free_names]))
+    assert predict_response(off, hammer(0.02), "held").inside < 0.6
+
+
+def test_a_response_of_motors_has_its_chain() -> None:
+    """A delay, which `at` knows nothing of, is that of the fitted model; bands stay as wide."""
+    names = robot().motor_locations
+    model = formulate(robot())
+    linear = linearise(model, WHERE, model.theta, names, "acceleration")
+    plain = to_response(linear, linear.theta_ref, LINES)
+    late = replace(plain, G=plain.G * np.exp(-2j * np.pi * LINES[:, None, None] * 1e-3))
+    each, prompt = predict_response(result(), late, "free", late), predict_response(result(), plain, "free", plain)
+    np.testing.assert_allclose(each.predicted.G, late.G, rtol=1e-9)
+    np.testing.assert_allclose(each.pointwise, prompt.pointwise, rtol=1e-9)
+
+
+def test_places_that_the_robot_lacks_are_refused() -> None:
+    """A frame of another robot."""
+    with pytest.raises(StudyError, match="no frame hook"):
+        predict_response(result(), replace(hammer(), inputs=("force hook x", "force tool z")), "held")
