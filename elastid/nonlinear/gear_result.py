@@ -1,0 +1,132 @@
+"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
+from elastid.fit.result import FitResult
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.robot import Robot
+
+# Makers' units over SI.
+ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
+_MAKERS: dict[str, tuple[str, float]] = {
+    "stiffness": ("N*m/arcmin", 1 / ARCMIN), "angle": ("arcmin", ARCMIN), "error": ("arcsec", ARCSEC),
+    "share": ("%", 100.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GearNumber:
+    """A number of a gear, SI and link side; of what was not seen the bound below which it lies with 95 %.
+
+    name: `k_1`.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
+    the phase of a sine of that order in rad and its std; 0 of the others.  rated_share: value or bound over the joint's
+    rated torque; NaN where that is not known.  linear: of the fit without effects; NaN where it has no such number.
+    """
+
+    name: str
+    meaning: str
+    kind: str
+    unit: str
+    value: float = math.nan
+    std: float = math.nan
+    bound: float = math.nan
+    order: float = 0.0
+    phase: float = math.nan
+    phase_std: float = math.nan
+    rated_share: float = math.nan
+    linear: float = math.nan
+
+    @property
+    def is_seen(self) -> bool:
+        """False of what has a bound alone."""
+        return math.isfinite(self.value)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %; a level that cannot be negative ends at 0."""
+        low, high = self.value - QUANTILE_95 * self.std, self.value + QUANTILE_95 * self.std
+        return (low if self.kind in ("stiffness", "damping") else max(low, 0.0)), high
+
+    @property
+    def maker_unit(self) -> str:
+        """The unit of makers' sheets; empty where it is the SI one."""
+        return _MAKERS.get(self.kind, ("", 1.0))[0] if "rad" in self.unit or self.kind == "share" else ""
+
+    @property
+    def factor(self) -> float:
+        """A number in the makers' unit over that in SI."""
+        return _MAKERS[self.kind][1] if self.maker_unit else 1.0
+
+
+@frozen_value
+class GearSheet:
+    """The numbers of one joint's gear, and its torsion over torque as it is loaded to and fro.
+
+    rated: torque limit of the joint, Nm; infinite where none is known.  peak: largest torque of the gear in the
+    records.  torque, torsion, torsion_std (n,): a loop up to that torque, from its negative end on.
+    """
+
+    joint: str
+    numbers: tuple[GearNumber, ...]
+    rated: float
+    peak: float
+    torque: FloatArray = labelled("torque of the gear, a loop", "N*m")
+    torsion: FloatArray = labelled("torsion of the gear", "rad")
+    torsion_std: FloatArray = labelled("its standard deviation", "rad")
+
+    def number(self, name: str) -> GearNumber | None:
+        """The number of a name, or None."""
+        return next((number for number in self.numbers if number.name == name), None)
+
+
+@frozen_value
+class GearResult:
+    """x (n_x,) of the fit's parameters and levels (n_f,) of effects, link side, with one covariance (n_x + n_f, ...).
+
+    Stiffnesses are those at zero torque.  sheets: a gear each.  refused: why nothing was looked for, in a sentence; x
+    is then that of the fit, and there are no sheets.  notes: what the linear fit misses, and what cannot be told apart.
+    """
+
+    x: FloatArray = labelled("estimate as the variable of the solver")
+    covariance: FloatArray = labelled("covariance of x and the levels")
+    effects: tuple[GearEffect, ...] = ()
+    levels: FloatArray = labelled("level of each effect, link side", default_factory=lambda: np.zeros(0))
+    sheets: tuple[GearSheet, ...] = labelled(entry="joint", default=())
+    refused: str = ""
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance)[len(self.x) :])
+
+    def level(self, kind: str, joint: str) -> float:
+        """The sum of levels of a kind at a joint, 0 without any."""
+        pairs = zip(self.effects, self.levels.tolist(), strict=True)
+        return sum(f for effect, f in pairs if (effect.kind, effect.joint) == (kind, joint))
+
+    @property
+    def numbers(self) -> tuple[GearNumber, ...]:
+        """Of all gears."""
+        return tuple(number for sheet in self.sheets for number in sheet.numbers)
+
+
+def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
+    """The fit with the numbers found beside the effects; the same fit where nothing was looked for."""
+    if gears is None or gears.refused:
+        return result
+    n, none = len(gears.x), np.zeros((0, 2))
+    return replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
+
+
+def rated_torque(robot: Robot, joint: str) -> float:
+    """Torque limit of a driven joint, infinite where none is given."""
+    return next(each.limits.torque for each in robot.driven if each.name == joint)
