@@ -48,7 +48,8 @@ def refusal(
 ) -> str:
     """Why no effects of gears can be found, and what is lost; empty where they can."""
     if result.status not in _SOLVED:
-        return f"the fit ended as {result.status.replace('_', ' ')}: effects of gears are found beside a model that fits"
+        ended = result.status.replace("_", " ")
+        return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
     if len(np.unique(np.concatenate([lines.realisation for lines in data]))) < 2:
         return (
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "

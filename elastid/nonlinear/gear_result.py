@@ -56,6 +56,16 @@ class GearNumber:
         return (low if self.kind in ("stiffness", "damping") else max(low, 0.0)), high
 
     @property
+    def words(self) -> str:
+        """`k_1 = 1.5e5 N*m/rad, std 20, 1.49996e5 to 1.50004e5 (stiffness at zero torque)`."""
+        if not self.is_seen:
+            return f"{self.name} below {self.bound:.3g} {self.unit}, not seen ({self.meaning})"
+        low, high = self.interval
+        turn = f", phase {self.phase:.3g} rad" if self.order else ""
+        ends = f"std {self.std:.3g}, {low:.6g} to {high:.6g}"
+        return f"{self.name} = {self.value:.9g} {self.unit}{turn}, {ends} ({self.meaning})"
+
+    @property
     def maker_unit(self) -> str:
         """The unit of makers' sheets; empty where it is the SI one."""
         return _MAKERS.get(self.kind, ("", 1.0))[0] if "rad" in self.unit or self.kind == "share" else ""
@@ -110,8 +120,8 @@ class GearResult:
 
     def level(self, kind: str, joint: str) -> float:
         """The sum of levels of a kind at a joint, 0 without any."""
-        pairs = zip(self.effects, self.levels.tolist(), strict=True)
-        return sum(f for effect, f in pairs if (effect.kind, effect.joint) == (kind, joint))
+        own = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
+        return float(self.levels[np.array(own, bool)].sum())
 
     @property
     def numbers(self) -> tuple[GearNumber, ...]:
@@ -129,4 +139,4 @@ def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
 
 def rated_torque(robot: Robot, joint: str) -> float:
     """Torque limit of a driven joint, infinite where none is given."""
-    return next(each.limits.torque for each in robot.driven if each.name == joint)
+    return float(next(each.limits.torque for each in robot.driven if each.name == joint))

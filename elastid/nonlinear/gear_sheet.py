@@ -12,20 +12,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.result import FitResult
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear.choice import choose_effects
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear.choice import choose_effects
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
@@ -49,7 +52,7 @@ def open_gears(
     robot: Robot,
     spec: EstimatorSpec,
     gears: GearsSpec,
-    *,
+    execution: Execution | None = None,
     model: ModelSpec = EXACT,
     planned: IntArray | None = None,
 ) -> GearResult:
@@ -62,7 +65,7 @@ def open_gears(
     nothing = GearResult(result.x, result.covariance)
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
     try:
-        data = [gather_lines(records, spec, planned) for records in measured]
+        data = (execution or Execution()).ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         drives = drives_of(data, responses, linearisation, result)
     except DataError as error:
         return replace(nothing, refused=str(error))
@@ -161,23 +164,13 @@ def _sheet(gear: _Gear, result: FitResult, bounds: Mapping[tuple[GearEffect, ...
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.gradient(gear.torque(delta[: _POINTS // 2], hysteresis=False)[0], delta[: _POINTS // 2])
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
-    order = np.argsort([_PLACES.index(each.kind_of_name) for each in map(_Named, numbers)], kind="stable")
-    ordered = tuple(numbers[i] for i in order)
-    return GearSheet(gear.joint, ordered, rated, gear.peak, tau, delta, std / np.concatenate([slope, slope[::-1]]))
-
-
-@dataclass(frozen=True)
-class _Named:
-    number: GearNumber
-
-    @property
-    def kind_of_name(self) -> str:
-        """Letters of its name."""
-        return self.number.name.partition("_")[0].rstrip("0123456789.")
+    ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
+    torsion_std = std / np.concatenate([slope, slope[::-1]])
+    return GearSheet(gear.joint, tuple(ordered), rated, gear.peak, tau, delta, torsion_std)
 
 
 # Letters of names in the order of a sheet.
-_PLACES = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
+_ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
 def _springs(gear: _Gear, result: FitResult, reach: float) -> list[GearNumber]:
@@ -195,7 +188,7 @@ def _springs(gear: _Gear, result: FitResult, reach: float) -> list[GearNumber]:
     delta = np.linspace(0, reach, 601)
     tau, rows = gear.torque(np.concatenate([delta, delta[::-1]]), hysteresis=False)
     ends = np.searchsorted(tau[:601], gear.peak * np.arange(4) / 3).clip(0, 600)
-    for i, (low, high) in enumerate(zip(ends[:-1], ends[1:], strict=True), start=1):
+    for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
         width = delta[high] - delta[low]
         meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
         value, row = (tau[high] - tau[low]) / width, (rows[high] - rows[low]) / width
@@ -262,8 +255,8 @@ def _periodic(gear: _Gear) -> list[GearNumber]:
                     for part in ("sine", "cosine"))  # fmt: skip
             x, y = sum(a.values()), sum(b.values())
             size = math.hypot(x, y)
-            row = gear.level_row({i: x / size for i in a} | {i: y / size for i in b})
-            turn = gear.level_row({i: -y / size**2 for i in a} | {i: x / size**2 for i in b})
+            row = gear.level_row(dict.fromkeys(a, x / size) | dict.fromkeys(b, y / size))
+            turn = gear.level_row(dict.fromkeys(a, -y / size**2) | dict.fromkeys(b, x / size**2))
             numbers.append(GearNumber(
                 f"{letter}{order:g}_{gear.joint}", f"{meaning}, {_times(order)}", what, unit, size, gear.std(row),
                 order=order, phase=math.atan2(y, x), phase_std=gear.std(turn),
@@ -307,7 +300,8 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         return [GearNumber(f"H_{joint}", torque, "torque", "N*m", bound=part * bound), width]
     if word in ("cubic", "progressive"):
         share = abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) * bound / (k * reach)
-        return [GearNumber(f"h_{joint}", "stiffening up to the largest torque, of the secant", "share", "1", bound=share)]
+        meaning = "stiffening up to the largest torque, of the secant"
+        return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]
     return []
 
 
@@ -320,10 +314,11 @@ def _off_notes(result: FitResult, found: Levels) -> list[Note]:
         own = math.hypot(float(std[i]), math.sqrt(max(float(result.covariance[i, i]), 0.0)))
         off = float(result.x[i] - found.x[i])
         if p.name[:2] in ("k_", "d_") and abs(off) > _OFF * own and found.effects:
+            change = before[p.name] / after[p.name] - 1
             text = (
-                f"the linear fit has {before[p.name]:.6g} {p.unit}, {100 * (before[p.name] / after[p.name] - 1):+.2g} % "
-                f"({abs(off) / own:.1f} std) of the {after[p.name]:.6g} found beside the effects of the gears: its "
-                "number is that of these records' amplitude"
+                f"the linear fit has {before[p.name]:.6g} {p.unit}, {100 * change:+.2g} % ({abs(off) / own:.1f} "
+                f"std) of the {after[p.name]:.6g} found beside the effects of the gears: its number is that of these "
+                "records' amplitude"
             )
             notes.append(Note("linear-fit-off", text, p.name, "information"))
     return notes
@@ -344,5 +339,3 @@ def _same_notes(found: Levels) -> list[Note]:
                 text = f"{first.kind} and {second.kind} cannot be told apart (correlation {r:.3f}){one}"
                 notes.append(Note("effects-alike", text, f"joint {first.joint}"))
     return notes
-
-

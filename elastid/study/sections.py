@@ -19,6 +19,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.spec import GearsSpec
 from elastid.report.spec import ReportSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Joint, Robot
@@ -55,6 +56,10 @@ class Study:
         "formulation is wanted; a serial robot needs nothing here.")] = ModelSpec()
     fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "the first key to "
         "give is parameters, as soon as not every spring is to be identified.")] = FitSpec()
+    gears: Annotated[GearsSpec | None, Key("Search for what the gears do besides being springs: friction before and "
+        "behind them and by load, stiffness by torque, hysteresis, transmission error, ripple.", "{} makes the stage "
+        "gears run after the fit, whose stiffnesses are then those at zero torque; it takes about as long as "
+        "estimate.")] = None
     validation: Annotated[ValidationSpec, Key("Data that judge the fitted model.", "name one configuration as left out "
         "where five or more are measured; the report then says how well the model predicts it.")] = ValidationSpec()
     compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants of your own "

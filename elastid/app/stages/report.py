@@ -23,7 +23,7 @@ from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_rehearsal, read_responses
-from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
 
 
 def report(
@@ -40,6 +40,7 @@ def report(
     validate_file: Path,
     work: Work,
     design_file: Path | None = None,
+    gears_file: Path | None = None,
     compare: Path | None = None,
 ) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
@@ -61,6 +62,7 @@ def report(
         friction=friction,
         twin=read_twin(validate_file, "validation"),
         contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
+        gears=read_gears(gears_file),
     )
     return page_artefacts(write_report, content, report, work)
 
