@@ -78,6 +78,20 @@ def refusal(
     return ""
 
 
+def left(data: Sequence[PeriodLines], drives: Sequence[DriveLines], forces: Sequence[ComplexArray]) -> float:
+    """Share of the motors' motion at the excited lines that a model leaves, rms over these lines.
+
+    forces (F, n, M): sum f Phi of each configuration, on the model's coordinates.
+    """
+    shares = []
+    for lines, drive, force in zip(data, drives, forces, strict=True):
+        explained = drive.sensor[:, :, None] * (drive.C @ drive.H @ force)
+        r = (lines.Y - drive.G @ lines.U + explained)[lines.excited]
+        motion = np.sum(np.abs(lines.Y[lines.excited]) ** 2, axis=(1, 2))
+        shares.append(np.mean(np.sum(np.abs(r) ** 2, axis=(1, 2)) / motion))
+    return float(np.sqrt(np.mean(shares)))
+
+
 def deflections(lines: PeriodLines, drive: DriveLines, j: int) -> ComplexArray:
     """Deflection (F, M) of a gear by the linear model."""
     q = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U))

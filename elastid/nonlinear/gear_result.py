@@ -14,6 +14,8 @@ from elastid.fit.result import FitResult
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.robot import Robot
 
+# Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit.
+EXPLAINED = 0.25
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
 _MAKERS: dict[str, tuple[str, float]] = {
@@ -102,7 +104,9 @@ class GearResult:
     """x (n_x,) of the fit's parameters and levels (n_f,) of effects, link side, with one covariance (n_x + n_f, ...).
 
     Stiffnesses are those at zero torque.  sheets: a gear each.  refused: why nothing was looked for, in a sentence; x
-    is then that of the fit, and there are no sheets.  notes: what the linear fit misses, and what cannot be told apart.
+    is then that of the fit, and there are no sheets.  before, after: share of the motors' motion at the excited lines
+    that the linear fit and the model with the effects leave.  notes: what the linear fit misses, and what cannot be
+    told apart.
     """
 
     x: FloatArray = labelled("estimate as the variable of the solver")
@@ -111,7 +115,14 @@ class GearResult:
     levels: FloatArray = labelled("level of each effect, link side", default_factory=lambda: np.zeros(0))
     sheets: tuple[GearSheet, ...] = labelled(entry="joint", default=())
     refused: str = ""
+    before: float = math.nan
+    after: float = math.nan
     notes: tuple[Note, ...] = ()
+
+    @property
+    def explains_misfit(self) -> bool:
+        """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
+        return bool(self.effects) and self.after < EXPLAINED * self.before
 
     @property
     def std(self) -> FloatArray:
@@ -130,11 +141,21 @@ class GearResult:
 
 
 def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
-    """The fit with the numbers found beside the effects; the same fit where nothing was looked for."""
+    """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
+
+    The same fit where nothing was looked for.
+    """
     if gears is None or gears.refused:
         return result
     n, none = len(gears.x), np.zeros((0, 2))
-    return replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
+    final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
+    if result.status != "misfit" or not gears.explains_misfit:
+        return final
+    message = (
+        "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
+        f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
+    )
+    return replace(final, status="converged", message=message)
 
 
 def rated_torque(robot: Robot, joint: str) -> float:

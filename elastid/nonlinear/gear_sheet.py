@@ -32,7 +32,7 @@ from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, refusal
+from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -78,8 +78,12 @@ def open_gears(
         _sheet(_Gear(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
         for i, joint in enumerate(joints)
     )
+    pairs = list(zip(data, drives, strict=True))
     notes = (*coarse_encoders(data, drives, joints), *_off_notes(result, found), *_same_notes(found))
-    return GearResult(found.x, found.covariance, found.effects, found.levels, sheets, notes=notes)
+    before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
+    after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
+    effects = found.effects, found.levels
+    return GearResult(found.x, found.covariance, *effects, sheets, before=before, after=after, notes=notes)
 
 
 def _peak(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j: int) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from elastid.base.display import digits, interval_of, number
-from elastid.nonlinear.gear_result import GearNumber, GearResult
+from elastid.base.display import digits, interval_of, number, percent
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 
 
 def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -> list[list[str]]:
@@ -38,6 +38,17 @@ def _cells(each: GearNumber) -> list[str]:
     return [each.name, meaning, unit, number(value, n), relative, ends]
 
 
+def seen_words(sheet: GearSheet) -> str:
+    """Stiffness and the effects of a gear that were seen, in few words."""
+    words = []
+    for each in sheet.numbers:
+        if each.is_seen and each.name[0] in "kHeFr" and not each.name.startswith("H_"):
+            unit, std = each.maker_unit or each.unit, each.factor * each.std
+            value = each.factor * each.value
+            words.append(f"{each.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
+    return "; ".join(words)
+
+
 def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
@@ -45,4 +56,5 @@ def gear_line(gears: GearResult) -> str:
     found = [each.name for each in gears.numbers if each.is_seen and not math.isfinite(each.linear)]
     if not found:
         return "springs and dampers alone; nothing else was seen, and each effect has its bound"
-    return f"found besides springs and dampers: {', '.join(found)}; every other effect has its bound"
+    left = f"; {percent(gears.after)} of the motion is left unexplained, by the linear fit {percent(gears.before)}"
+    return f"found besides springs and dampers: {', '.join(found)}; every other effect has its bound{left}"

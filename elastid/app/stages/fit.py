@@ -111,4 +111,5 @@ def conclude(run: Run) -> None:
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
-    run.console.say(f"{status}: {meaning}")
+    explained = opened is not None and opened.explains_misfit
+    run.console.say(f"{status}: {result.message if explained else meaning}")
