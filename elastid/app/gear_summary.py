@@ -32,12 +32,8 @@ def with_gear_section(
         "largest_torque": {sheet.joint: sheet.peak for sheet in gears.sheets},
         "notes": listed(gears.notes),
     }
-    if content["status"] == "misfit" and gears.explains_misfit:
-        content = {
-            **content,
-            "status": "converged",
-            "message": f"{gear_line(gears)}; of the linear fit: {content['message']}",
-        }
+    final = with_gears(result, gears)
+    content = {**content, "status": final.status, "message": final.message}
     return {**content, "parameters": json_value(parameters), "gears": json_value(found)}
 
 
