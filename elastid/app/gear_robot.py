@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
+from elastid.fit.result import FitResult
 from elastid.nonlinear.gear_result import GearResult
+from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints, without_dry_friction
@@ -36,6 +38,13 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
         )
 
     return with_laws(with_joints(bare, changed), laws)
+
+
+def with_terms_of(result: FitResult, robot: Robot) -> FitResult:
+    """The fit with the numbers that this robot has and the fitted one had not, held: terms of its springs."""
+    lacking = {name: each for name, each in robot.parameters().items() if name not in result.parameters.names}
+    held = tuple(Parameter(name, float(value), unit, free=False) for name, (value, unit) in lacking.items())
+    return replace(result, parameters=ParameterSet((*result.parameters, *held))) if held else result
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:

@@ -8,7 +8,7 @@ from typing import Any
 
 from elastid.app.summaries import listed, section
 from elastid.fit.result import FitResult
-from elastid.nonlinear.gear_result import GearNumber, GearResult
+from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.report.content import ParameterRow
 from elastid.store.kinds import json_value
 

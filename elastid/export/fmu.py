@@ -41,6 +41,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
+from elastid.simulation.gear_forces import gear_forces
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
 Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]
@@ -222,7 +223,7 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     theta, friction = ca.SX.sym("theta", len(model.theta)), ca.SX.sym("friction", len(contacts.curves))
     step = ca.SX.sym("step")
     B, n_l = ca.DM(model.B), len(model.robot.joints)
-    torque = B @ u - contacts.torque(v, z, friction)
+    torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
     accelerate = free_acceleration(model, theta=theta)
     built = [
         dense("acceleration", [q, v, z, u, theta, friction], [accelerate(q, v, torque, theta)]),

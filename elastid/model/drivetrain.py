@@ -164,9 +164,10 @@ def tangents(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dic
     return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
 
 
-def spring_torque(joint: str, x: ca.SX, theta: Mapping[str, float]) -> ca.SX:
-    """n(x), a scalar, of the spring of a joint at a deflection x; theta: numbers by name."""
-    return theta[f"k_{joint}"] * x + _beyond_linear(joint, x, theta)[1]
+def spring_torque(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> ca.SX:
+    """n(x), a scalar, of the spring of a joint at a deflection x; theta: numbers or symbols by name."""
+    torque: ca.SX = theta[f"k_{joint}"] * x + _beyond_linear(joint, x, theta)[1]
+    return torque
 
 
 def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:

@@ -20,10 +20,11 @@ from elastid.model.elastic import ElasticModel
 from elastid.robot import GearRipple, TransmissionError
 
 
-def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX) -> ca.SX:
-    """F (n_q,) at q, v (n_q,)."""
+def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None = None) -> ca.SX:
+    """F (n_q,) at q, v (n_q,).  numbers (n_theta,): symbols of the parameters; the model's own by default."""
     robot, force = model.robot, ca.SX(model.n_q, 1)
-    theta = dict(zip(model.parameters, model.theta.tolist(), strict=True))
+    values = model.theta.tolist() if numbers is None else ca.vertsplit(numbers)
+    theta = dict(zip(model.parameters, values, strict=True))
     shafts = dict(zip((joint.name for joint in robot.driven), robot.mixing @ model.B.T, strict=True))
     springs = spring_deflections(robot)
     for joint in robot.driven:
