@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from elastid.app.gear_robot import with_effects, with_terms_of
+from elastid.app.gear_robot import with_effects, with_linear_springs, with_terms_of
 from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
@@ -44,12 +44,15 @@ TARGETS: dict[str, Writer] = {
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
-# Of effects of gears that a target has no room for; of mujoco what Coulomb friction does not say.
+# What each target has of the effects of gears, besides robot and fmu, which have all of them.
+_STIFFENING = "stiffening is in its springs; friction, hysteresis and errors are left out, which robot and fmu have"
+_TANGENT = "it is linear, with the stiffness under gravity, and has none of the effects, which robot and fmu have"
 _LEFT_OUT = {
-    False: "it has no room for friction, hysteresis, errors and stiffening, which robot and fmu have",
-    True: "Coulomb friction before and behind the gears is its frictionloss; hysteresis, errors, friction by load and "
-    "stiffening are left out, which robot and fmu have",
-}
+    "c": _STIFFENING, "casadi": _STIFFENING, "control": _TANGENT, "matlab": _TANGENT,
+    "mujoco": "Coulomb friction before and behind them is its frictionloss; stiffening, hysteresis, errors and "
+    "friction by load are left out, which robot and fmu have",
+    "urdf": "Coulomb friction is in it; the other effects are left out, which robot and fmu have",
+}  # fmt: skip
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, DRAWS, OBSERVER = "robot", "draws", "observer"
 
@@ -73,8 +76,9 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     responses, gears = read_responses(run.path("estimate")), _gears(run)
     result, robot = with_gears(read_fit(run.path("fit")), gears), run.study.as_robot()
     found = None if gears is None else with_effects(robot, gears)
-    if found is not None and target == "fmu":
-        result, robot = with_terms_of(result, found), found
+    if found is not None and target != ROBOT:
+        robot = with_linear_springs(found) if target == "mujoco" else found
+        result = with_terms_of(result, robot)
     folder = clear_folder(run.folder, "export", target)
     models = models_by_group(result, robot, responses, run.study.model, run.study.name)
     if any(models):
@@ -83,10 +87,8 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     write = TARGETS.get(target, partial(_write_robot, run, gears))
     if target == "mujoco" and found is not None:
         write = partial(write_mujoco, found=found)
-    if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
-        run.console.say(
-            f"export: {target} has k and d as found beside the effects of the gears; {_LEFT_OUT[target == 'mujoco']}"
-        )
+    if gears is not None and gears.effects and target in _LEFT_OUT:
+        run.console.say(f"export: {target} has k and d as found beside the effects of the gears; {_LEFT_OUT[target]}")
     paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")

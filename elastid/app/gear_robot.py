@@ -40,11 +40,24 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
     return with_laws(with_joints(bare, changed), laws)
 
 
+def with_linear_springs(robot: Robot) -> Robot:
+    """The robot with the stiffness at zero torque of each joint's spring."""
+
+    def linear(joint: Joint) -> Joint:
+        if joint.spring is None:
+            return joint
+        return replace(joint, spring=replace(joint.spring, quadratic=None, symmetric_quadratic=None, cubic=None))
+
+    return with_joints(robot, linear)
+
+
 def with_terms_of(result: FitResult, robot: Robot) -> FitResult:
-    """The fit with the numbers that this robot has and the fitted one had not, held: terms of its springs."""
-    lacking = {name: each for name, each in robot.parameters().items() if name not in result.parameters.names}
-    held = tuple(Parameter(name, float(value), unit, free=False) for name, (value, unit) in lacking.items())
-    return replace(result, parameters=ParameterSet((*result.parameters, *held))) if held else result
+    """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not."""
+    known = robot.parameters()
+    kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
+    names = [p.name for p in kept]
+    held = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
+    return replace(result, parameters=ParameterSet((*kept, *held)))
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
