@@ -73,7 +73,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     if run.study.robot is None or target not in (*TARGETS, ROBOT):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
-    responses, gears = read_responses(run.path("estimate")), _gears(run)
+    responses, gears = read_responses(run.path("estimate")), gears_of(run)
     result, robot = with_gears(read_fit(run.path("fit")), gears), run.study.as_robot()
     found = None if gears is None else with_effects(robot, gears)
     if found is not None and target != ROBOT:
@@ -97,7 +97,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
 
 def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
     run.require_result("fit")
-    result = read_fit(run.path("fit"))
+    result = with_gears(read_fit(run.path("fit")), gears_of(run))
     folder = clear_folder(run.folder, "export", DRAWS)
     paths: list[Path] = []
     groups = robots_by_group(result, run.study.as_robot(), result.configurations)
@@ -114,7 +114,7 @@ def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
     return _reported(run, tuple(paths))
 
 
-def _gears(run: Run) -> GearResult | None:
+def gears_of(run: Run) -> GearResult | None:
     """The effects of gears, where the study asks for them and they could be looked for."""
     if "gears" not in run.stages:
         return None

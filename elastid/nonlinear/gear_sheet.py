@@ -75,7 +75,7 @@ def open_gears(
     bounds = level_bounds(data, responses, linearisation, found, gears.orders)
     joints, _ = joints_of(linearisation)
     sheets = tuple(
-        _sheet(_Gear(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
+        sheet_of(JointLevels(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
         for i, joint in enumerate(joints)
     )
     pairs = list(zip(data, drives, strict=True))
@@ -96,8 +96,8 @@ def _peak(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j: int) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class _Gear:
-    """The gear of a joint: values with their rows d value / d (x, f), from which standard deviations follow."""
+class JointLevels:
+    """The levels at the gear of a joint: values with rows d value / d (x, f), from which standard deviations follow."""
 
     found: Levels
     robot: Robot
@@ -155,7 +155,8 @@ class _Gear:
         return reach
 
 
-def _sheet(gear: _Gear, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], float]) -> GearSheet:
+def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], float]) -> GearSheet:
+    """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
     numbers = [*_springs(gear, result, reach), *_loop_numbers(gear, reach), *_frictions(gear), *_periodic(gear)]
     numbers += _unseen(gear, bounds, reach)
@@ -177,7 +178,7 @@ def _sheet(gear: _Gear, result: FitResult, bounds: Mapping[tuple[GearEffect, ...
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
-def _springs(gear: _Gear, result: FitResult, reach: float) -> list[GearNumber]:
+def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNumber]:
     """Stiffness at zero torque and by range, and damping."""
     joint, numbers = gear.joint, []
     words = {"k": ("stiffness at zero torque", "stiffness", "N*m/rad"), "d": ("damping", "damping", "N*m*s/rad")}
@@ -206,7 +207,7 @@ def _springs(gear: _Gear, result: FitResult, reach: float) -> list[GearNumber]:
     return numbers
 
 
-def _loop_numbers(gear: _Gear, reach: float) -> list[GearNumber]:
+def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
     """Hysteresis: half the difference of torque, and the width of the loop in torsion, at zero."""
     own = [(i, effect, f) for i, effect, f in gear.effects if effect.kind in _HYSTERESIS]
     if not own:
@@ -233,7 +234,7 @@ _SUMS = {
 }
 
 
-def _frictions(gear: _Gear) -> list[GearNumber]:
+def _frictions(gear: JointLevels) -> list[GearNumber]:
     """Levels of friction."""
     numbers = []
     for kind, (prefix, meaning, what, unit) in _SUMS.items():
@@ -250,7 +251,7 @@ _PERIODIC = {
 }
 
 
-def _periodic(gear: _Gear) -> list[GearNumber]:
+def _periodic(gear: JointLevels) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for word, (letter, meaning, what, unit) in _PERIODIC.items():
@@ -272,7 +273,7 @@ def _times(order: float) -> str:
     return {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
 
 
-def _unseen(gear: _Gear, bounds: Mapping[tuple[GearEffect, ...], float], reach: float) -> list[GearNumber]:
+def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], float], reach: float) -> list[GearNumber]:
     """Bounds of what was looked for and not found, of several shapes the largest."""
     largest: dict[tuple[str, str, float], GearNumber] = {}
     k = gear.parameter(f"k_{gear.joint}")[0]
