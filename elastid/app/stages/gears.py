@@ -75,5 +75,5 @@ def _summary(path: Path) -> dict[str, object]:
     try:
         content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise StudyError(f"{path}: the summary of the fit cannot be read ({error}); run `elastid fit` again") from None
+        raise StudyError(f"{path}: it cannot be read ({error}); the stage fit makes it again") from None
     return content
