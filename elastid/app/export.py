@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from elastid.app.gear_robot import with_effects, with_linear_springs, with_terms_of
 from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
@@ -24,11 +25,12 @@ from elastid.export.observer import Observer, write_observers
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
+from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit
+from elastid.store.results import read_fit, read_gears
 from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
@@ -41,6 +43,15 @@ TARGETS: dict[str, Writer] = {
 # Of measured responses: all that a study without a robot has. uff takes those of any study.
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
+}  # fmt: skip
+# What each target has of the effects of gears, besides robot and fmu, which have all of them.
+_STIFFENING = "stiffening is in its springs; friction, hysteresis and errors are left out, which robot and fmu have"
+_TANGENT = "it is linear, with the stiffness under gravity, and has none of the effects, which robot and fmu have"
+_LEFT_OUT = {
+    "c": _STIFFENING, "casadi": _STIFFENING, "control": _TANGENT, "matlab": _TANGENT,
+    "mujoco": "Coulomb friction before and behind them is its frictionloss; stiffening, hysteresis, errors and "
+    "friction by load are left out, which robot and fmu have",
+    "urdf": "Coulomb friction is in it; the other effects are left out, which robot and fmu have",
 }  # fmt: skip
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, DRAWS, OBSERVER = "robot", "draws", "observer"
@@ -62,13 +73,22 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     if run.study.robot is None or target not in (*TARGETS, ROBOT):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
-    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    responses, gears = read_responses(run.path("estimate")), gears_of(run)
+    result, robot = with_gears(read_fit(run.path("fit")), gears), run.study.as_robot()
+    found = None if gears is None else with_effects(robot, gears)
+    if found is not None and target != ROBOT:
+        robot = with_linear_springs(found) if target == "mujoco" else found
+        result = with_terms_of(result, robot)
     folder = clear_folder(run.folder, "export", target)
-    models = models_by_group(result, run.study.as_robot(), responses, run.study.model, run.study.name)
+    models = models_by_group(result, robot, responses, run.study.model, run.study.name)
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
         run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
-    write = TARGETS.get(target, partial(_write_robot, run))
+    write = TARGETS.get(target, partial(_write_robot, run, gears))
+    if target == "mujoco" and found is not None:
+        write = partial(write_mujoco, found=found)
+    if gears is not None and gears.effects and target in _LEFT_OUT:
+        run.console.say(f"export: {target} has k and d as found beside the effects of the gears; {_LEFT_OUT[target]}")
     paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
@@ -77,7 +97,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
 
 def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
     run.require_result("fit")
-    result = read_fit(run.path("fit"))
+    result = with_gears(read_fit(run.path("fit")), gears_of(run))
     folder = clear_folder(run.folder, "export", DRAWS)
     paths: list[Path] = []
     groups = robots_by_group(result, run.study.as_robot(), result.configurations)
@@ -94,9 +114,18 @@ def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
     return _reported(run, tuple(paths))
 
 
-def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+def gears_of(run: Run) -> GearResult | None:
+    """The effects of gears, where the study asks for them and they could be looked for."""
+    if "gears" not in run.stages:
+        return None
+    run.require_result("gears")
+    gears = read_gears(run.path("gears"))
+    return None if gears is None or gears.refused else gears
+
+
+def _write_robot(run: Run, gears: GearResult | None, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     friction = read_friction(run.path("estimate"))
-    return _written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model)))
+    return _written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model), gears))
 
 
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:

@@ -151,6 +151,13 @@ def _rows(folder: Path, member: Member) -> Iterator[Row]:
         low, high = number.get("interval95") or (None, None)
         known = {"value": number["value"], "std": number.get("std"), "low": low, "high": high}
         yield row | {"unit": number["unit"]} | known | {"std_repeated": number.get("std_repeated", number.get("std"))}
+    parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
+    for name, number in gears.items():
+        if name not in parameters and number["value"] is not None and not name.startswith("K"):  # ends of ranges differ
+            low, high = number["interval95"]
+            row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
+            known = {"unit": number["unit"], "value": number["value"], "std": number["std"], "low": low, "high": high}
+            yield row | known | {"std_repeated": number["std"]}
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:

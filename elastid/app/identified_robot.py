@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from elastid.app.gear_robot import with_effects
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.export.numbers import lines_of
+from elastid.fit.fitted_robot import robots_by_group
+from elastid.fit.release import remaining_tolerances
+from elastid.fit.result import FitResult
 from elastid.linear.linear_model import DELAY
+from elastid.nonlinear.gear_result import GearResult
 from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.parameters import Parameter
 from elastid.robot import Friction, Robot
@@ -101,16 +107,51 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
     return robot_text(with_identified_friction(robot, result), comments)
 
 
-def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...]) -> str:
-    """The file of a fitted robot: elastic numbers, viscous friction, and F_c of motors that it was taken out of.
+def robot_files(
+    name: str,
+    robot: Robot,
+    result: FitResult,
+    friction: FrictionTakenOut | None,
+    configurations: Sequence[str],
+    gears: GearResult | None = None,
+) -> Iterator[tuple[str, str]]:
+    """Name and text of identified_robot.yml; of each group with parameters of its own identified_robot-<group>.yml.
+
+    Not robot.yml: a study may lie in its own run folder, together with the robot that it reads.
+    """
+    for label, (fitted, members) in robots_by_group(result, robot, configurations).items():
+        file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
+        fitted = replace(fitted, tolerances=remaining_tolerances(result, robot))
+        yield file, robot_of_fit(name, fitted, friction, lines_of(result, members[0]), gears)
+
+
+def robot_of_fit(
+    name: str,
+    robot: Robot,
+    friction: FrictionTakenOut | None,
+    known: tuple[str, ...],
+    gears: GearResult | None = None,
+) -> str:
+    """The file of a fitted robot: elastic numbers, viscous friction, and what was found at its motors and gears.
 
     known: lines on the intervals of its numbers.
     """
-    laws = _taken_out(robot, friction)
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
+    if gears is not None and not gears.refused:
+        comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
+        comments += [f"  {number.words}" for number in gears.numbers]
+        return robot_text(with_effects(robot, gears), (*comments, *known))
+    laws = _taken_out(robot, friction)
     if laws:
         comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
     return robot_text(with_laws(robot, laws), (*comments, *known))
+
+
+def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None) -> Robot:
+    """A fitted robot with everything that was found in its records, and no other friction."""
+    if gears is None or gears.refused:
+        return with_found_friction(robot, friction)
+    return with_effects(robot, gears)
 
 
 def with_found_friction(robot: Robot, friction: FrictionTakenOut | None) -> Robot:

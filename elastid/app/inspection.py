@@ -24,13 +24,14 @@ from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
 from elastid.report.friction_content import refusals
+from elastid.report.gear_content import gear_line, gear_table
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.friction_study import FRICTION, read_friction_result
 from elastid.store.kinds import SCHEMA
 from elastid.store.measured import read_friction
 from elastid.store.reading import described as described_artefact
-from elastid.store.results import read_fit
+from elastid.store.results import GEARS, read_fit, read_gears
 
 
 def _signal_row(
@@ -108,7 +109,7 @@ def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
     if (kind := kind_of(path)) is not None:
-        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}
+        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers, GEARS: _gear_sheets}
         return [described_artefact(path), *(numbers[kind](path) if kind in numbers else ())]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
@@ -159,6 +160,13 @@ def _other(array: Any) -> str:
 def _number_line(name: str, value: float, unit: str, std: float | None, interval: Sequence[float] = ()) -> str:
     number = f"    {name} = {value:.6g} {unit}".rstrip()
     return number if std is None else f"{number} ({std:.2g}; {interval[0]:.6g} to {interval[1]:.6g})"
+
+
+def _gear_sheets(path: Path) -> list[str]:
+    gears = read_gears(path)
+    if gears is None or gears.refused:
+        return [] if gears is None else [f"  {gear_line(gears)}"]
+    return ["", *columns(gear_table(gears)), *map(str, gears.notes), gear_line(gears)]
 
 
 def _parameters(path: Path) -> Iterator[str]:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.app.export import gears_of
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.fit.posture import Family
+from elastid.nonlinear.gear_result import with_gears
 from elastid.report.page.page_of_map import write_page_of_map
 from elastid.store.files import keep_checksums
 from elastid.store.results import read_fit, write_map, write_map_table
@@ -61,7 +63,7 @@ def map_study(
     run.study.as_robot()
     run.require_stage("fit")
     run.require_result("fit")
-    result = read_fit(run.path("fit"))
+    result = with_gears(read_fit(run.path("fit")), gears_of(run))
     with logged_in(run.folder, run.jobs, run.console):
         family = family_of_map(result, frame)
         angles = postures.angles(run, family)

@@ -177,6 +177,7 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         return
     left_out = study.validation.left_out
     judged = f"judge it on {', '.join(left_out)}, not fitted" if left_out else "judge it on the fitted configurations"
+    judged = f"lay its gears open, {judged}" if study.gears is not None else judged
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
     yield (
         f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "

@@ -25,7 +25,7 @@ from elastid.store.files import keep_checksums, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.kinds import json_value
 from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit
+from elastid.store.results import read_fit, read_gears
 from elastid.study.source import read_source
 from elastid.validation.agreement import judged_elsewhere
 from elastid.validation.friction_prediction import predict_logs
@@ -126,10 +126,12 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
         raise StudyError(f"--with {path}: it is of another robot, without {', '.join(lacking[:3])}")
     taken_out = path.with_name("frf.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None
+    laid_open = path.with_name("gears.h5")
+    gears = read_gears(laid_open) if laid_open.is_file() else None
     fitted = FittedRobot.of(result, robot, responses, study.model)
     of_study = study.name, robot, study.model, study.seeded_fit, ValidationSpec(), study.estimator
     records = run.path("measure") if "measure" in run.stages else None
-    own = Validated(*of_study, fitted, responses, friction)
+    own = Validated(*of_study, fitted, responses, friction, gears)
     replays, twin = replayed_in_time(own, records, None, run.console, Execution(run.jobs))
     shifts = [fitted.response_shifts(response.configuration.name) for response in responses]
     judged = judged_elsewhere(responses, fitted.responses, shifts)

@@ -108,11 +108,23 @@ class Run:
         wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all((self.folder / name).exists() for name in row.leaves) or changed_texts(self.folder, row.texts):
             return False
+        if any(each.exists() and name not in self.stages for name, each in self.overwritten(stage).items()):
+            return False
         if path.suffix == ".h5":
             stamp = read_stamp(path)
             return stamp is not None and stamp.is_of(wanted) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
         return wanted.inputs in text and wanted.code in text
+
+    def overwritten(self, stage: str) -> dict[str, Path]:
+        """Results of later stages that leave a text of this one again, with theirs in it: gone with it."""
+        rows = stages_of(self.study.kind)
+        later = list(rows)[list(rows).index(stage) + 1 :]
+        return {
+            name: self.folder / rows[name].leaves[0]
+            for name in later
+            if {*rows[name].leaves} & {*rows[stage].leaves}
+        }  # fmt: skip
 
     def require_stage(self, name: str) -> None:
         """Refuse a stage that this study, or its kind of study or experiment, does not have; StudyError."""
@@ -198,9 +210,8 @@ def run_all(run: Run) -> None:
             else:
                 _report_damage(run, run.path(name), stage)
                 carry_out(run, name)
-        for stage in run.stages.values():
-            if stage.conclude:
-                resolve_name(stage.conclude)(run)
+        for conclude in dict.fromkeys(stage.conclude for stage in run.stages.values() if stage.conclude):
+            resolve_name(conclude)(run)
 
 
 def run_stage(run: Run, name: str) -> None:
@@ -219,6 +230,8 @@ def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
     artefacts = resolve_name(stage.function)(**run.handed(name))
+    for result in run.overwritten(name).values():
+        result.unlink(missing_ok=True)
     for later in stage.outdates:
         if not run.is_current(later):  # of another result; no program is to read it next to this one's
             run.summary(later).unlink(missing_ok=True)

@@ -211,18 +211,30 @@ STAGES = (
         help="Fit the elastic parameters: fit.h5 and summary.json.",
     ),
     Stage(
+        "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json"), "elastid.app.stages.gears:gears",
+        values=(*FITTED, *values("estimator", "gears", "validation.left_out")),
+        sources=(DESIGN_PART, Source("measure"), Source("estimate"), Source("fit")),
+        patterns=("identified_robot*.yml",), outdates=("validate",), needs="gears",
+        conclude="elastid.app.stages.fit:conclude",
+        help="Find what the gears do besides being springs, with the parameters: gears.h5.\n\nFriction before and "
+        "behind each gear and by load, stiffness by torque, hysteresis, transmission error and ripple, each with its "
+        "interval or a bound, in makers' units; summary.json and identified_robot.yml then have the numbers found "
+        "beside them.",
+    ),
+    Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
         values=(*FITTED, *values("seed", "estimator", "validation")), files=tool_responses,
         sources=(
             Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
-            Source("fit"),
+            Source("fit"), Source("gears"),
         ),
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
     ),
     Stage(
         "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
         values=(*FITTED, *values("text", "report")),
-        sources=(Source("design"), Source("estimate"), Source("fit"), Source("validate")), extras=("compare.json",),
+        sources=(Source("design"), Source("estimate"), Source("fit"), Source("gears"), Source("validate")),
+        extras=("compare.json",),
         help="Write the page and the figures: report.html and figures/.",
     ),
     Stage(

@@ -130,7 +130,7 @@ def summary(
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
-        "notes": _notes(every),
+        "notes": listed(every),
     }
 
 
@@ -220,7 +220,7 @@ def friction_study_summary(
             for joint, ranges in measured.items()
         },
         "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
-        "notes": _notes(every),
+        "notes": listed(every),
     }
 
 
@@ -271,7 +271,8 @@ def _head(name: str, status: str, message: str) -> dict[str, Any]:
     return {"schema": SCHEMA, "study": name, "status": status, "message": message}
 
 
-def _notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
+def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
+    """Notes as a summary lists them, the same from many places once."""
     return [
         section(group.first, "code severity places=place text") | {"places": [each for each in group.places if each]}
         for group in grouped(notes)

@@ -14,7 +14,13 @@ from typing import Annotated, Any, TypeAlias
 # By dimension, named by its SI unit: further units and their factors to SI.
 _FURTHER: dict[str, dict[str, float]] = {
     "1": {"%": 0.01},
-    "rad": {"mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi},
+    "rad": {
+        "mrad": 1e-3,
+        "deg": math.pi / 180,
+        "arcmin": math.pi / 10800,
+        "arcsec": math.pi / 648000,
+        "rev": 2 * math.pi,
+    },
     "rad/s": {"deg/s": math.pi / 180, "rpm": 2 * math.pi / 60},
     "rad/s^2": {"deg/s^2": math.pi / 180},
     "N": {"kN": 1e3},
@@ -23,7 +29,7 @@ _FURTHER: dict[str, dict[str, float]] = {
     "N*m": {"mN*m": 1e-3, "kN*m": 1e3},
     "V": {"mV": 1e-3},
     "A": {"mA": 1e-3},
-    "N*m/rad": {"kN*m/rad": 1e3, "MN*m/rad": 1e6, "N*m/deg": 180 / math.pi},
+    "N*m/rad": {"kN*m/rad": 1e3, "MN*m/rad": 1e6, "N*m/deg": 180 / math.pi, "N*m/arcmin": 10800 / math.pi},
     "N*m*s/rad": {"kN*m*s/rad": 1e3},
     "kg": {"g": 1e-3},
     "kg*m^2": {"g*m^2": 1e-3, "kg*cm^2": 1e-4},

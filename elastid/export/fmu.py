@@ -44,6 +44,7 @@ from elastid.robot import TOOL, Robot
 from elastid.robot.named_frames import with_frames
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
+from elastid.simulation.gear_forces import gear_forces
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
 Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]
@@ -246,7 +247,8 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     B, n_l = ca.DM(model.B), len(model.robot.joints)
     places = origins(model, q)
     force = ca.SX.sym("force", places.numel())
-    torque = B @ u - contacts.torque(v, z, friction) + ca.jacobian(places, q).T @ force
+    torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
+    torque += ca.jacobian(places, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
     built = [
         dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),

@@ -51,12 +51,17 @@ _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
 
 
-def write_mujoco(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot.xml. StudyError where MJCF cannot represent the robot."""
+def write_mujoco(folder: Path, model: FittedRobot, found: Robot | None = None) -> tuple[Path, ...]:
+    """robot.xml. StudyError where MJCF cannot represent the robot.
+
+    found: with the Coulomb friction found at its motors and behind its gears, which becomes frictionloss.
+    """
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
+    if found is not None:
+        _rub(root, found)
     _intervals(root, model)
     _keyframes(root, model, rest, start)
     ET.indent(root)
@@ -177,6 +182,25 @@ def _tendons(root: ET.Element, robot: Robot) -> None:
         fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=repr(float(joint.viscous)))
         for part in ("motor", "twist"):
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+
+
+def _rub(root: ET.Element, found: Robot) -> None:
+    """Coulomb friction of motors, and of joints that turn with motor angle and twist together."""
+    hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    for joint in found.driven:
+        if joint.motor is not None and joint.motor.dry_friction is not None:
+            level = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
+            hinges[f"motor {joint.name}"].set("frictionloss", repr(float(level)))
+        if joint.friction is None or joint not in found.flexible:
+            continue
+        tendons = root.find("tendon")
+        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+        fixed = next((each for each in tendons if each.get("name") == f"joint {joint.name}"), None)
+        if fixed is None:
+            fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
+            for part in ("motor", "twist"):
+                ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+        fixed.set("frictionloss", repr(float(joint.friction.coulomb)))
 
 
 def _intervals(root: ET.Element, model: FittedRobot) -> None:

@@ -59,6 +59,32 @@ class Bristle:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """A spring sigma_0 that slides at F_c: the stop operator, one Prandtl element, sharp where `Bristle` is round."""
+
+    sigma_0: float
+    n_states: ClassVar[int] = 1  # its deflection z, rad
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """sigma_0 z."""
+        return self.sigma_0 * z
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """v where it bends, 0 where it slides."""
+        slides = ca.logic_and(ca.fabs(self.sigma_0 * z) >= curve.level(v), z * v > 0)
+        return ca.if_else(slides, 0.0, v)
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
+        """z + v step, at most F_c / sigma_0: exact at constant v."""
+        bound = curve.level(v) / self.sigma_0
+        return ca.fmax(-bound, ca.fmin(bound, z + v * step))
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """Its spring."""
+        return self.sigma_0, 0.0
+
+
+@dataclass(frozen=True)
 class MaxwellElements:
     """The elements of smooth and switched Maxwell slip: sigma_0, nu, sigma_1 (n,), and the attraction C in Nm/s."""
 

@@ -13,14 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
+from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, Stop, SwitchedMaxwellSlip
 from elastid.friction.static import Curve, Expression, Law, Tustin
 from elastid.robot import Directions, Friction, Robot
 
 
 @dataclass(frozen=True)
 class PlacedLaw:
-    """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
+    """A law at `motor <name>` or `joint <name>`, or of the torsion of `gear <name>`.
+
+    `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
 
     slides: its own side translates, N and m; a motor's turns.  reverses: a positive velocity of the link is a negative
     one of its own side.
@@ -103,7 +105,9 @@ class PlacedLaw:
 
 
 def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
-    """All dry friction of a robot, motors first. A motor's `coulomb` alone is Coulomb's law, smoothed."""
+    """All dry friction of a robot and hysteresis of its gears, motors first.
+
+    A motor's `coulomb` alone is Coulomb's law, smoothed."""
     laws = []
     for joint in robot.driven:
         motor = joint.motor
@@ -114,6 +118,10 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
         if joint.friction is not None:
             law = _law(joint.friction, 1.0)
             laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
+        for element in () if joint.gear is None else joint.gear.hysteresis:
+            stiffness = element.torque / element.deflection
+            own: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
+            laws.append(PlacedLaw(f"gear {joint.name}", own, Friction(element.torque), 1.0, joint.slides))
     return tuple(laws)
 
 

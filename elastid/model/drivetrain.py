@@ -55,6 +55,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -163,7 +164,13 @@ def tangents(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dic
     return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
 
 
-def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+def spring_torque(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> ca.SX:
+    """n(x), a scalar, of the spring of a joint at a deflection x; theta: numbers or symbols by name."""
+    torque: ca.SX = theta[f"k_{joint}"] * x + _beyond_linear(joint, x, theta)[1]
+    return torque
+
+
+def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
     energy, torque = ca.SX(0), ca.SX(0)
     if (k2 := theta.get(f"k2_{joint}")) is not None:
         energy, torque = energy + k2 * x**3 / 3, torque + k2 * x**2

@@ -17,6 +17,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
+from elastid.nonlinear.gear_result import GearResult
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
@@ -37,7 +38,7 @@ class ReportContent:
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
-    twin: the motors' torque part by part, and the model simulated along a record.
+    twin: the motors' torque part by part, and the model simulated along a record.  gears: None where not asked for.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
     dense: for each of frf the model on lines of its own, among them the measured ones, and that standard deviation.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
@@ -63,6 +64,7 @@ class ReportContent:
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
     twin: TwinFindings = NO_TWIN
+    gears: GearResult | None = None
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -42,6 +42,7 @@ from elastid.robot.friction import (
     MeasuredRange,
     TemperatureDependence,
 )
+from elastid.robot.gear import Gear, GearRipple, Hysteresis, TransmissionError
 from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.joint import Joint, Limits, Motor
@@ -55,7 +56,9 @@ from elastid.robot.tolerances import BodyTolerances, Tolerances
 __all__ = [
     "BASE", "FRAME_AXES", "TOOL", "Acceleration3", "Anchor", "Angles3", "Axis", "Body", "BodyTolerances", "Chain",
     "ChannelGain",
-    "CoilSpring", "Compensator", "Directions", "Frame", "Friction", "GasSpring", "GearCoupling", "InertiaTensor",
+    "CoilSpring", "Compensator", "Directions", "Frame", "Friction", "GasSpring", "Gear", "GearCoupling", "GearRipple",
+    "Hysteresis", "InertiaTensor",
     "Joint", "Limits", "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin",
-    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "Vector3", "gain_name", "unit_axis",
+    "Placement", "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "TransmissionError", "Vector3",
+    "gain_name", "unit_axis",
 ]  # fmt: skip

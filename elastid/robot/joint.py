@@ -22,6 +22,7 @@ from elastid.base.units import (
     of_translation,
 )
 from elastid.robot.friction import Friction
+from elastid.robot.gear import Gear
 from elastid.robot.placement import (
     Axis,
     Numbers,
@@ -143,6 +144,9 @@ class Joint:
         "friction before it belongs to the motor, whose response sees it directly.")] = 0.0
     friction: Annotated[Friction | None, Key("Dry friction across the joint.", "for simulation of dry friction on the "
         "link's side, as in bearings under load; most of it is at the motor.")] = None
+    gear: Annotated[Gear | None, Key("Effects of the gear besides spring and friction: error, ripple, hysteresis, "
+        "friction by load.", "for simulation of a gear as it is, and as the stage gears has found it; a linear fit "
+        "sees none of them.")] = None
     limits: Annotated[Limits, Key("Limits of the joint, link side.", "always for driven joints whose experiments are "
         "designed: without them nothing bounds the excitation.")] = field(default_factory=Limits)
     motion: Annotated[Literal["rotation", "translation"], Key("Motion of the joint: `rotation`, or `translation`: "
@@ -163,6 +167,11 @@ class Joint:
     def __post_init__(self) -> None:
         unit_axis(self.axis)
         require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
+        if self.gear is not None and (self.motor is None or self.spring is None):
+            raise ValueError(
+                f"joint {self.name}: gear holds effects of an elastic gear, and the joint has no "
+                f"{'motor' if self.motor is None else 'spring'}; give it one, or drop gear"
+            )
         if self.slides and self.zero:
             raise ValueError(f"joint {self.name}: it slides, so that its place is that of its body; leave out zero")
         if self.slides and any(self.point):

@@ -67,7 +67,7 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
     def rigid(joint: Joint) -> Joint | None:
         if joint.name not in names:
             return joint
-        return None if joint.motor is None else replace(_with_motor(joint, spring=None), spring=None)
+        return None if joint.motor is None else replace(_with_motor(joint, spring=None), spring=None, gear=None)
 
     def stiff(loop: Loop) -> Loop:
         if loop.rod is None or loop.name not in names:
@@ -75,29 +75,34 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
         return replace(loop, rod=replace(loop.rod, stiffness=None, damping=0.0))
 
     try:
-        return replace(_with_joints(robot, rigid), loops=tuple(map(stiff, robot.loops)))
+        return replace(with_joints(robot, rigid), loops=tuple(map(stiff, robot.loops)))
     except ValueError as error:
         raise StudyError(f"without the springs of {', '.join(names)}: {error}") from None
 
 
 def without_motor_coupling(robot: Robot) -> Robot:
     """Every rotor turns about its own axis only: the reduced model of Spong."""
-    return _with_joints(robot, lambda joint: _with_motor(joint, on="", axis=None))
+    return with_joints(robot, lambda joint: _with_motor(joint, on="", axis=None))
 
 
 def without_dry_friction(robot: Robot) -> Robot:
-    """Motors and joints with their viscous friction alone."""
-    return _with_joints(robot, lambda joint: replace(_with_motor(joint, coulomb=0.0, friction=None), friction=None))
+    """Motors, gears and joints with their viscous friction alone."""
+
+    def smooth(joint: Joint) -> Joint:
+        gear = None if joint.gear is None else replace(joint.gear, load=0.0, hysteresis=())
+        return replace(_with_motor(joint, coulomb=0.0, friction=None), friction=None, gear=gear)
+
+    return with_joints(robot, smooth)
 
 
 def without_friction(robot: Robot) -> Robot:
     """Motors and joints without viscous and dry friction."""
-    return _with_joints(
-        without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0)
-    )
+    return with_joints(without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
 
 
-def _with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
+def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
+    """The robot with each joint changed, and without those changed to None."""
+
     def with_changed(body: Body) -> Body:
         return replace(body, joints=tuple(new for joint in body.joints if (new := changed(joint)) is not None))
 

@@ -34,6 +34,7 @@ from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
+from elastid.simulation.gear_forces import gear_forces
 
 FLAGS = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
 MAX_COMPILE_S = 60.0
@@ -154,7 +155,8 @@ def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives) -> ca
     curves = ca.SX.sym("curves", len(contacts.curves))
     B, (E, E_inverse) = ca.DM(model.B), shafts(model)
     driving = E.T @ drives.on_motors(E_inverse.T @ torque, E @ B.T @ q) + disturbance
-    a = free_acceleration(model)(q, v, B @ driving - contacts.torque(v, z, curves))
+    braking = contacts.torque(v, z, curves) + gear_forces(model, q, v)
+    a = free_acceleration(model)(q, v, B @ driving - braking)
     return ca.Function("acceleration", [q, v, z, torque, disturbance, curves], [ca.densify(a)], {"cse": True})
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import CURVE, Curve, Expression, Law
-from elastid.model.drivetrain import on_the_flanks
+from elastid.model.drivetrain import on_the_flanks, spring_deflections
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions
 from elastid.simulation.baumgarte import constrained_acceleration
@@ -77,6 +77,7 @@ def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
     """The laws at the coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
     coordinates = np.eye(model.n_q)
     slides = dict(zip(model.inputs, model.robot.mixing @ model.B.T, strict=True))
+    slides |= {f"gear {name[2:]}": row for name, row in spring_deflections(model.robot).items()}
     P = [slides[law.place] if law.place in slides else coordinates[model.index(law.place)] for law in laws]
     return Contacts(tuple(laws), np.array(P).reshape(len(laws), model.n_q).T)
 

@@ -1,4 +1,4 @@
-"""fit.h5, validation.h5, compare.json, map.h5: a fit, its validation with the twin, ranked models, a map."""
+"""fit.h5, gears.h5, validation.h5, compare.json, map.h5: a fit, its gears, its validation, ranked models, a map."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
+from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
@@ -19,7 +20,7 @@ from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
-FIT, VALIDATION, MAP = "fit", "validation", "map"
+FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -33,6 +34,16 @@ def write_fit(path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP) -> N
 def read_fit(path: Path | str) -> FitResult:
     """The result in fit.h5."""
     return read_part(path, FIT, "fit", FitResult)
+
+
+def write_gears(path: Path | str, gears: GearResult, stamp: Stamp = NO_STAMP) -> None:
+    """gears.h5: parameters and levels with their covariance, and a sheet for each gear."""
+    write_artefact(path, GEARS, stamp, {"gears": (gears, GearResult)})
+
+
+def read_gears(path: Path | str | None) -> GearResult | None:
+    """The effects in gears.h5; None without a file: of a study that did not ask for them."""
+    return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
 def write_validation(

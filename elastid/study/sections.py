@@ -20,6 +20,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.spec import GearsSpec
 from elastid.report.spec import ReportSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Joint, Robot
@@ -59,6 +60,10 @@ class Study:
     loads: Annotated[LoadsSpec | None, Key("Static load tests, whose deflections are fitted together with the "
         "responses.", "where springs of the wrist, which motors barely move, are to be known, or the stiffness at rest "
         "compared with that in motion.")] = None
+    gears: Annotated[GearsSpec | None, Key("Search for what the gears do besides being springs: friction before and "
+        "behind them and by load, stiffness by torque, hysteresis, transmission error, ripple.", "{} makes the stage "
+        "gears run after the fit, whose stiffnesses are then those at zero torque; it takes about as long as "
+        "estimate.")] = None
     validation: Annotated[ValidationSpec, Key("Data that judge the fitted model.", "name one configuration as left out "
         "where five or more are measured; the report then says how well the model predicts it.")] = ValidationSpec()
     compare: Annotated[CompareSpec, Key("Models that `elastid compare` fits and ranks.", "give variants of your own "

@@ -40,6 +40,13 @@ MEANINGS = {
     ("Fs", True): "stiction grows",
     ("f", True): "viscous friction grows",
     ("fm", True): "viscous friction grows",
+    ("Fb", True): "running torque behind the gear grows",
+    ("Fcl", True): "friction by load grows",
+    ("H", True): "hysteresis grows",
+    ("Hw", True): "hysteresis grows",
+    ("lost", True): "lost motion grows",
+    ("e1", True): "transmission error grows",
+    ("e2", True): "transmission error grows",
 }
 
 

@@ -98,12 +98,12 @@ def find_friction_of_run(
     """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
     if spec.friction == "none":
         return None
-    records = [_RecordsOnShafts(path, name, E) for name in read_configurations(path)]
+    records = [RecordsOnShafts(path, name, E) for name in read_configurations(path)]
     return find_friction(records, spec, lines, execution)
 
 
 @dataclass(frozen=True)
-class _RecordsOnShafts:
+class RecordsOnShafts:
     """The records of a configuration in records.h5 on the motors' shafts, read again whenever they are asked for."""
 
     path: Path

@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 
 from elastid.app.console import Console, parameter_table
-from elastid.app.identified_robot import contents, robot_of_fit, truth
+from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.load_tests import tests_of
 from elastid.app.run import Run
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.export.numbers import lines_of
-from elastid.fit.fitted_robot import FittedRobot, robots_by_group
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.load_tests import LoadsSpec
-from elastid.fit.release import remaining_tolerances
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear_result import with_gears
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, parameter_rows
+from elastid.report.gear_content import gear_line, gear_table
 from elastid.report.overview import next_steps, numbers_answer, residual_sentence, verdict_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit, read_validation, write_fit
+from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
@@ -70,7 +69,7 @@ def fit(
         for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
     notes = [note for response in responses for note in response.notes]
-    rows = _parameter_rows(robot, experiment, seeded_fit, result, friction)
+    rows = fitted_rows(robot, experiment, seeded_fit, result, friction)
     content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
@@ -80,14 +79,15 @@ def fit(
             console.say(f"fit: {result.static.words}")
 
     names = [response.configuration.name for response in responses]
-    robots = {file: text(robot_file) for file, robot_file in _robot_files(name, robot, result, friction, names)}
+    robots = {file: text(robot_file) for file, robot_file in robot_files(name, robot, result, friction, names)}
     result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 
-def _parameter_rows(
+def fitted_rows(
     robot: Robot, experiment: ExperimentSpec, spec: FitSpec, result: FitResult, friction: FrictionTakenOut | None
 ) -> tuple[ParameterRow, ...]:
+    """A row for each parameter, with its truth where the rig is simulated."""
     true = truth(robot, experiment.simulated, spec.parameters, friction)
     contained = contents(robot, experiment.simulated is not None, friction, result.parameters.free)
     return parameter_rows(result, true, contained)
@@ -98,12 +98,17 @@ def conclude(run: Run) -> None:
 
     MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
     """
-    result = read_fit(run.path("fit"))
+    opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
+    result = with_gears(read_fit(run.path("fit")), opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     study = run.study
-    rows = _parameter_rows(study.as_robot(), study.experiment, study.fit, result, friction)
+    rows = fitted_rows(study.as_robot(), study.experiment, study.fit, result, friction)
     run.console.table(parameter_table(rows))
+    if opened is not None and not opened.refused:
+        run.console.table(gear_table(opened))
+    if opened is not None:
+        run.console.say(f"gears: {gear_line(opened)}")
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
     for line in _answers(run, result, rows):
@@ -115,7 +120,8 @@ def conclude(run: Run) -> None:
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
-    run.console.say(f"{status}: {meaning}")
+    explained = opened is not None and opened.explains_misfit
+    run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
 def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Iterator[str]:
@@ -126,16 +132,3 @@ def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Itera
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))
-
-
-def _robot_files(
-    name: str, robot: Robot, result: FitResult, friction: FrictionTakenOut | None, configurations: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    """Name and text of identified_robot.yml; of each group with parameters of its own identified_robot-<group>.yml.
-
-    Not robot.yml: a study may lie in its own run folder, together with the robot that it reads.
-    """
-    for label, (fitted, members) in robots_by_group(result, robot, configurations).items():
-        file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
-        fitted = replace(fitted, tolerances=remaining_tolerances(result, robot))
-        yield file, robot_of_fit(name, fitted, friction, lines_of(result, members[0]))

@@ -17,13 +17,14 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import FigureFormat, write_report
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_rehearsal, read_responses
-from elastid.store.results import read_comparison, read_fit, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
 
 
 def report(
@@ -40,14 +41,16 @@ def report(
     validate_file: Path,
     work: Work,
     design_file: Path | None = None,
+    gears_file: Path | None = None,
     compare: Path | None = None,
 ) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
-    fitted = FittedRobot.of(result, robot, responses, model)
+    fitted, gears = FittedRobot.of(result, robot, responses, model), read_gears(gears_file)
+    final = with_gears(result, gears)
     content = ReportContent(
-        *(name, validation.verdict, result, tuple(zip(responses, fitted.responses, strict=True)), validation),
+        *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
         *(modes_of(fitted), text, work.stamp.shown),
         truth=truth(robot, experiment.simulated, seeded_fit.parameters, friction),
         plan=read_plan(design_file) if design_file is not None else None,
@@ -61,6 +64,7 @@ def report(
         friction=friction,
         twin=read_twin(validate_file, "validation"),
         contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
+        gears=gears,
     )
     return page_artefacts(write_report, content, report, work)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import with_found_friction
+from elastid.app.identified_robot import with_findings
 from elastid.app.stages.estimate import imported_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
@@ -24,13 +24,14 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.places import shaft_couplings
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
-from elastid.store.results import read_fit, write_validation
+from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
@@ -46,7 +47,7 @@ from elastid.validation.twin_run import NO_TWIN, TwinFindings, TwinRun
 
 @dataclass(frozen=True)
 class Validated:
-    """The values of a study that its validation reads, and its fitted robot."""
+    """The values of a study that its validation reads, and its fitted robot; gears: for the twin in time alone."""
 
     name: str
     robot: Robot
@@ -57,6 +58,7 @@ class Validated:
     fitted: FittedRobot
     responses: Sequence[FrequencyResponse]
     friction: FrictionTakenOut | None
+    gears: GearResult | None = None
 
 
 def validate(
@@ -75,6 +77,7 @@ def validate(
     work: Work,
     measure_file: Path | None = None,
     design_file: Path | None = None,
+    gears_file: Path | None = None,
 ) -> Artefacts:
     """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
 
@@ -84,7 +87,8 @@ def validate(
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     fitted = FittedRobot.of(result, robot, responses, model)
     friction = read_friction(estimate_file)
-    own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction)
+    gears = read_gears(gears_file)
+    own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)
     rig = None
     if measure_file is not None and design_file is not None:
         rig = SimulatedRig(robot, experiment, read_plan(design_file), seed)
@@ -234,13 +238,13 @@ def _twin_runs(own: Validated, path: Path, rig: SimulatedRig | None, execution: 
     """Simulations along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in own.spec.left_out if name in names), names[0])
-    result = own.fitted.result
+    result = with_gears(own.fitted.result, own.gears)
     responses = [each for each in own.responses if each.configuration.name == chosen]
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, own.robot, [chosen]).values()
     numbers = dict(zip(result.parameters.names, result.theta_of(chosen).tolist(), strict=True))
-    moved = with_found_friction(robot, own.friction)
+    moved = with_findings(robot, own.friction, own.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.model)

@@ -52,7 +52,9 @@ _LOST = 10.0  # times smaller than the start
 _RIVALS: tuple[tuple[Kind, ...], ...] = (("cubic", "progressive"), ("friction",), ("behind",))
 
 
-def candidate_groups(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation) -> list[Group]:
+def candidate_groups(
+    data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation, orders: Sequence[float] = ORDERS
+) -> list[Group]:
     """Groups for every joint, on the scales of its own motion."""
     groups: list[Group] = []
     joints, _ = joints_of(linearisation)
@@ -64,7 +66,7 @@ def candidate_groups(data: Sequence[PeriodLines], found: Levels, linearisation: 
         groups += [
             (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
         ]
-        for order in ORDERS:
+        for order in orders:
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
@@ -87,8 +89,11 @@ def choose_effects(
     linearisation: Linearisation,
     parameters: ParameterSet,
     x: FloatArray,
+    orders: Sequence[float] = ORDERS,
 ) -> Levels:
     """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
+
+    orders: of errors and ripples, in turns of the motor.
 
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
@@ -96,7 +101,7 @@ def choose_effects(
     arguments = data, responses, linearisation, parameters
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(*arguments, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, found, linearisation)
+    groups = candidate_groups(data, found, linearisation, orders)
     for _ in range(LIMITS.rounds):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, responses, linearisation, found, further)

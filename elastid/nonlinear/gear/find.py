@@ -11,7 +11,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import choose_effects
+from elastid.nonlinear.gear.choice import ORDERS, choose_effects
 from elastid.nonlinear.gear.drive_lines import elastic_joints
 from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import gather_lines
@@ -29,12 +29,13 @@ def find_gear_effects(
     *,
     model: ModelSpec = EXACT,
     planned: IntArray | None = None,
+    orders: Sequence[float] = ORDERS,
 ) -> Levels:
     """Effects that the records of all configurations show, with their levels and the parameters beside them.
 
     measured, responses: of each configuration in one order, friction still in both.  result: the fit of these
     responses.  The parameters of the fit move with the levels, from its optimum on; stiffnesses are those at zero
-    torque.
+    torque.  orders: of transmission errors and ripples, in turns of the motor.
     Raises DataError for records without a period, without the angle of an excited motor, and of a robot without elastic
     gears; StudyError as `analysed_lines` does.
     """
@@ -44,4 +45,4 @@ def find_gear_effects(
             f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
         )
     data = [gather_lines(records, spec, planned) for records in measured]
-    return choose_effects(data, responses, linearisation, result.parameters, result.x)
+    return choose_effects(data, responses, linearisation, result.parameters, result.x, orders)

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import design, fit, friction, modes, responses, validation
+from elastid.report.figures import design, fit, friction, gears, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -63,6 +63,12 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("torque", "torque", caption, partial(validation.torque_balance_figure, worst), on_page=False)
     yield from twin_drawings(content.twin.runs)
     yield from friction_drawings(content.friction, content.robot)
+    if content.gears is not None and content.gears.sheets:
+        caption = (
+            "Torsion of each gear over its torque, loaded to and fro up to the largest torque of the records, with its "
+            "95 % band, and the stiffness at zero torque alone."
+        )
+        yield Drawing("gears", "gears", caption, partial(gears.hysteresis, content.gears, content.robot))
     yield from (replace(drawing, on_page=False) for drawing in _configurations(content))
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."

@@ -26,6 +26,7 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
+from elastid.report.gear_content import gear_line, gear_table, seen_words
 from elastid.report.page import booklet
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
@@ -155,6 +156,7 @@ def render(
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
+    environment.filters |= {"gear_table": gear_table, "gear_line": gear_line, "seen_words": seen_words}
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
     return environment.get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 

@@ -47,6 +47,8 @@ UNUSED = (
            "more; drop this section"),
     Unused(("simulated", *_LOGS, *_RESPONSES), ("filter",), "a filter follows friction; give friction (the joints), or "
            "drop it"),
+    Unused((*_FRICTION, "frf", *_RESPONSES), ("gears",), "gears are laid open in records of an elastic robot, and this "
+           "study has no robot or no records of one; drop this section"),
     Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "validation", "compare"), "this "
            "section "
            "needs a robot, and the study has none; give robot: its file, or drop the section"),

@@ -1,0 +1,79 @@
+"""gears: records, responses and a fit -> gears.h5, and the fit's summary.json and robot file with what was found.
+
+k and d of the linear fit are those of the amplitude of the records; k found beside the effects is that at zero torque.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from elastid.app.console import Console
+from elastid.app.gear_summary import with_gear_section
+from elastid.app.identified_robot import robot_files
+from elastid.app.stages.estimate import RecordsOnShafts
+from elastid.app.stages.fit import fitted_rows
+from elastid.app.summaries import as_json
+from elastid.app.work import Artefacts, Work, Write, text
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
+from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear_result import with_gears
+from elastid.nonlinear.gear_sheet import open_gears
+from elastid.nonlinear.spec import GearsSpec
+from elastid.report.gear_content import gear_line
+from elastid.robot import Robot
+from elastid.store.measured import read_friction, read_plan, read_responses
+from elastid.store.results import read_fit, write_gears
+
+
+def gears(
+    *,
+    name: str,
+    robot: Robot,
+    experiment: ExperimentSpec,
+    model: ModelSpec,
+    seeded_fit: FitSpec,
+    estimator: EstimatorSpec,
+    gears: GearsSpec,
+    left_out: tuple[str, ...],
+    measure_file: Path,
+    estimate_file: Path,
+    fit_file: Path,
+    work: Work,
+    design_file: Path | None = None,
+) -> Artefacts:
+    """gears.h5; summary.json and identified_robot.yml of the fit are written again with what was found."""
+    every, result, friction = read_responses(estimate_file), read_fit(fit_file), read_friction(estimate_file)
+    responses = [response for response in every if response.configuration.name not in left_out]
+    planned = None if design_file is None else read_plan(design_file).lines
+    records = [RecordsOnShafts(measure_file, response.configuration.name, None) for response in responses]
+    with work.execution() as execution:
+        opened = open_gears(records, responses, result, robot, estimator, gears, execution, model, planned)
+    final = with_gears(result, opened)
+    rows = fitted_rows(robot, experiment, seeded_fit, final, friction)
+    content = with_gear_section(_summary(fit_file.with_name("summary.json")), result, rows, opened)
+    names = [response.configuration.name for response in every]
+    files: dict[str, Write] = {"summary.json": as_json(content)}
+    files |= {file: text(each) for file, each in robot_files(name, robot, final, friction, names, opened)}
+    files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
+
+    def report(console: Console) -> None:
+        console.notes(opened.notes)
+        if opened.refused:
+            console.warn(f"gears: {gear_line(opened)}")
+        else:
+            console.say(f"gears: {gear_line(opened)}")
+
+    return Artefacts(files, report)
+
+
+def _summary(path: Path) -> dict[str, object]:
+    """The content of the fit's summary.json."""
+    try:
+        content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{path}: it cannot be read ({error}); the stage fit makes it again") from None
+    return content

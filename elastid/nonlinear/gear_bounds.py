@@ -1,0 +1,73 @@
+r"""Bounds of effects that were not found: how large each could be without having been seen.
+
+.. math:: f < \max(\hat f, 0) + 1.645\, \sigma_f \quad (95\,\%)
+
+f and its standard deviation by one Gauss-Newton step of parameters, found levels and the effect in question together,
+along the motion under the effects that were found. Of a sine with its cosine the amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from elastid.linear.linearise import Linearisation
+from elastid.nonlinear.gear.choice import candidate_groups
+from elastid.nonlinear.gear.drive_lines import drive_lines
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.gear.levels import Levels, inverse, joints_of, normal_equations, priors
+from elastid.nonlinear.gear.motion import estimate_motion
+from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.response import FrequencyResponse
+
+ONE_SIDED_95 = 1.644854
+# Of kinds that are one effect in several shapes.
+_FAMILIES = {"progressive": "cubic", "bristle": "stop"}
+
+
+def family_of(effect: GearEffect) -> tuple[str, str, float]:
+    """Kind in general, joint, and order of what is periodic: shapes of one effect have the same."""
+    word = effect.kind.split()[0]
+    order = effect.scale if word in ("error", "ripple") else 0.0
+    return _FAMILIES.get(word, word), effect.joint, order
+
+
+def level_bounds(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    found: Levels,
+    orders: Iterable[float],
+) -> dict[tuple[GearEffect, ...], float]:
+    """The bound of each candidate group, none of whose family is among the effects that were found."""
+    families = {family_of(effect) for effect in found.effects}
+    every = candidate_groups(data, found, linearisation, tuple(orders))
+    groups = [group for group in every if family_of(group[0]) not in families]
+    effects = [*found.effects, *(effect for group in groups for effect in group)]
+    levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
+    joints, ratios = joints_of(linearisation)
+    drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
+    estimates = [
+        estimate_motion(lines, drive, joints, ratios, effects, levels, None)
+        for lines, drive in zip(data, drives, strict=True)
+    ]
+    n_x = len(found.x)
+    sums, (A, b) = (
+        normal_equations(data, drives, estimates, n_x, levels),
+        priors(found.parameters, found.x, n_x + len(levels)),
+    )
+    A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
+    bounds, first = {}, n_x + len(found.levels)
+    known = list(range(first))
+    for group in groups:
+        chosen = [*known, *range(first, first + len(group))]
+        covariance = inverse(A[np.ix_(chosen, chosen)])
+        step = (covariance @ b[chosen])[len(known) :]
+        std = np.sqrt(np.diag(covariance)[len(known) :])
+        size = float(np.hypot.reduce(step)) if len(group) > 1 else float(max(step[0], 0.0))
+        if not group[0].brakes and len(group) == 1:
+            size = float(abs(step[0]))
+        bounds[group] = size + ONE_SIDED_95 * float(std.max())
+        first += len(group)
+    return bounds

@@ -1,0 +1,118 @@
+"""Records from which effects of gears cannot be found: the reason, and what is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.fit.result import FitResult
+from elastid.linear.linearise import Linearisation
+from elastid.linear.modes import modes
+from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
+from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.response import FrequencyResponse
+
+_SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
+# Of the rms deflection of a gear at the excited lines, above which the noise of its motor's angle hides the effects.
+COARSE = 0.1
+# Names of modification indices that make a channel late.
+_LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
+_LOST = "stiffness, damping and friction stay those of the linear fit"
+
+
+def drives_of(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    result: FitResult,
+) -> list[DriveLines]:
+    """The linear model of each configuration at a fit; DataError where no gear has a spring."""
+    if not elastic_joints(linearisation):
+        raise DataError(
+            f"no driven joint of robot {linearisation.model.robot.name} has a spring in its gear, by which its effects "
+            f"would be found; give joints a spring; {_LOST}"
+        )
+    pairs = zip(data, responses, strict=True)
+    return [drive_lines(lines, linearisation, G, result.parameters, result.x) for lines, G in pairs]
+
+
+def refusal(
+    data: Sequence[PeriodLines],
+    drives: Sequence[DriveLines],
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+) -> str:
+    """Why no effects of gears can be found, and what is lost; empty where they can."""
+    if result.status not in _SOLVED:
+        ended = result.status.replace("_", " ")
+        return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
+    if len(np.unique(np.concatenate([lines.realisation for lines in data]))) < 2:
+        return (
+            "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
+            f"to; measure two or more realisations; {_LOST}"
+        )
+    late = next((index for index in result.indices if index.name.startswith(_LATE) and index.share > 0.5), None)
+    if late is not None and result.status == "misfit":
+        return (
+            f"the fit finds {late.name} ({100 * late.share:.0f} % of the excess of V): the logged torque is not the "
+            "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "
+            f"or free the delay; {_LOST}"
+        )
+    if moving := [G.configuration.name for G in responses if any(note.code == "still-moving" for note in G.notes)]:
+        return (
+            f"the records of {', '.join(moving)} are not settled, and effects of gears are found between the excited "
+            f"lines, where a transient lies, too; leave more transient periods out; {_LOST}"
+        )
+    first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
+    highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data)
+    if first > highest:
+        return (
+            f"the first mode, {first:.3g} Hz, lies above the highest excited line, {highest:.3g} Hz: motors and links "
+            "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
+            f"{_LOST}"
+        )
+    return ""
+
+
+def left(data: Sequence[PeriodLines], drives: Sequence[DriveLines], forces: Sequence[ComplexArray]) -> float:
+    """Share of the motors' motion at the excited lines that a model leaves, rms over these lines.
+
+    forces (F, n, M): sum f Phi of each configuration, on the model's coordinates.
+    """
+    shares = []
+    for lines, drive, force in zip(data, drives, forces, strict=True):
+        explained = drive.sensor[:, :, None] * (drive.C @ drive.H @ force)
+        r = (lines.Y - drive.G @ lines.U + explained)[lines.excited]
+        motion = np.sum(np.abs(lines.Y[lines.excited]) ** 2, axis=(1, 2))
+        shares.append(np.mean(np.sum(np.abs(r) ** 2, axis=(1, 2)) / motion))
+    return float(np.sqrt(np.mean(shares)))
+
+
+def deflections(lines: PeriodLines, drive: DriveLines, j: int) -> ComplexArray:
+    """Deflection (F, M) of a gear by the linear model."""
+    q = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U))
+    return np.asarray(np.tensordot(drive.directions("gear", j), q, axes=(0, 1)))
+
+
+def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
+    """Joints whose deflection is not large against the noise of their motor's angle."""
+    notes = []
+    for j, joint in enumerate(joints):
+        bent, noise = [], []
+        for lines, drive in zip(data, drives, strict=True):
+            bent.append(np.sum(np.mean(np.abs(deflections(lines, drive, j)[lines.excited]) ** 2, axis=1)))
+            row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
+            noise.append(np.sum(lines.scatter[lines.excited] @ row**2))
+        size, error = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2)
+        if error > COARSE * size:
+            text = (
+                f"its angle has {error:.2g} rad of noise at the excited lines, and its gear bends by {size:.2g} rad: "
+                "effects of this gear are hidden, and its bounds are wide; take an encoder of more counts, more "
+                "periods, or more torque"
+            )
+            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
+    return notes

@@ -1,0 +1,163 @@
+"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
+from elastid.fit.result import FitResult
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.robot import Robot
+
+# Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit.
+EXPLAINED = 0.25
+# Makers' units over SI.
+ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
+_MAKERS: dict[str, tuple[str, float]] = {
+    "stiffness": ("N*m/arcmin", 1 / ARCMIN), "angle": ("arcmin", ARCMIN), "error": ("arcsec", ARCSEC),
+    "share": ("%", 100.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GearNumber:
+    """A number of a gear, SI and link side; of what was not seen the bound below which it lies with 95 %.
+
+    name: `k_1`.  kind: `stiffness`, `damping`, `angle`, `error`, `torque` or `share`.  order: of the motor's turn, with
+    the phase of a sine of that order in rad and its std; 0 of the others.  rated_share: value or bound over the joint's
+    rated torque; NaN where that is not known.  linear: of the fit without effects; NaN where it has no such number.
+    """
+
+    name: str
+    meaning: str
+    kind: str
+    unit: str
+    value: float = math.nan
+    std: float = math.nan
+    bound: float = math.nan
+    order: float = 0.0
+    phase: float = math.nan
+    phase_std: float = math.nan
+    rated_share: float = math.nan
+    linear: float = math.nan
+
+    @property
+    def is_seen(self) -> bool:
+        """False of what has a bound alone."""
+        return math.isfinite(self.value)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %; a level that cannot be negative ends at 0."""
+        low, high = self.value - QUANTILE_95 * self.std, self.value + QUANTILE_95 * self.std
+        return (low if self.kind in ("stiffness", "damping") else max(low, 0.0)), high
+
+    @property
+    def words(self) -> str:
+        """`k_1 = 1.5e5 N*m/rad, std 20, 1.49996e5 to 1.50004e5 (stiffness at zero torque)`."""
+        if not self.is_seen:
+            return f"{self.name} below {self.bound:.3g} {self.unit}, not seen ({self.meaning})"
+        low, high = self.interval
+        turn = f", phase {self.phase:.3g} rad" if self.order else ""
+        ends = f"std {self.std:.3g}, {low:.6g} to {high:.6g}"
+        return f"{self.name} = {self.value:.9g} {self.unit}{turn}, {ends} ({self.meaning})"
+
+    @property
+    def maker_unit(self) -> str:
+        """The unit of makers' sheets; empty where it is the SI one."""
+        return _MAKERS.get(self.kind, ("", 1.0))[0] if "rad" in self.unit or self.kind == "share" else ""
+
+    @property
+    def factor(self) -> float:
+        """A number in the makers' unit over that in SI."""
+        return _MAKERS[self.kind][1] if self.maker_unit else 1.0
+
+
+@frozen_value
+class GearSheet:
+    """The numbers of one joint's gear, and its torsion over torque as it is loaded to and fro.
+
+    rated: torque limit of the joint, Nm; infinite where none is known.  peak: largest torque of the gear in the
+    records.  torque, torsion, torsion_std (n,): a loop up to that torque, from its negative end on.
+    """
+
+    joint: str
+    numbers: tuple[GearNumber, ...]
+    rated: float
+    peak: float
+    torque: FloatArray = labelled("torque of the gear, a loop", "N*m")
+    torsion: FloatArray = labelled("torsion of the gear", "rad")
+    torsion_std: FloatArray = labelled("its standard deviation", "rad")
+
+    def number(self, name: str) -> GearNumber | None:
+        """The number of a name, or None."""
+        return next((number for number in self.numbers if number.name == name), None)
+
+
+@frozen_value
+class GearResult:
+    """x (n_x,) of the fit's parameters and levels (n_f,) of effects, link side, with one covariance (n_x + n_f, ...).
+
+    Stiffnesses are those at zero torque.  sheets: a gear each.  refused: why nothing was looked for, in a sentence; x
+    is then that of the fit, and there are no sheets.  before, after: share of the motors' motion at the excited lines
+    that the linear fit and the model with the effects leave.  notes: what the linear fit misses, and what cannot be
+    told apart.
+    """
+
+    x: FloatArray = labelled("estimate as the variable of the solver")
+    covariance: FloatArray = labelled("covariance of x and the levels")
+    effects: tuple[GearEffect, ...] = ()
+    levels: FloatArray = labelled("level of each effect, link side", default_factory=lambda: np.zeros(0))
+    sheets: tuple[GearSheet, ...] = labelled(entry="joint", default=())
+    refused: str = ""
+    before: float = math.nan
+    after: float = math.nan
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def explains_misfit(self) -> bool:
+        """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
+        return bool(self.effects) and self.after < EXPLAINED * self.before
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance)[len(self.x) :])
+
+    def level(self, kind: str, joint: str) -> float:
+        """The sum of levels of a kind at a joint, 0 without any."""
+        own = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
+        return float(self.levels[np.array(own, bool)].sum())
+
+    @property
+    def numbers(self) -> tuple[GearNumber, ...]:
+        """Of all gears."""
+        return tuple(number for sheet in self.sheets for number in sheet.numbers)
+
+
+def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
+    """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
+
+    The same fit where nothing was looked for.
+    """
+    if gears is None or gears.refused:
+        return result
+    n, none = len(gears.x), np.zeros((0, 2))
+    final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
+    if result.status != "misfit" or not gears.explains_misfit:
+        return final
+    message = (
+        "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
+        f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
+    )
+    return replace(final, status="converged", message=message)
+
+
+def rated_torque(robot: Robot, joint: str) -> float:
+    """Torque limit of a driven joint, infinite where none is given."""
+    return float(next(each.limits.torque for each in robot.driven if each.name == joint))

@@ -1,0 +1,346 @@
+r"""The sheet of each gear from the levels of its effects: makers' numbers with intervals, or bounds, and its torsion.
+
+.. math:: \tau = k\, \delta + \sum_i f_i\, \Phi_i(\delta), \qquad
+          \sigma_\delta = \frac{\sqrt{r\, C\, r^T}}{d\tau / d\delta}, \quad r = \partial \tau / \partial (x, f)
+
+delta runs to and fro as in a maker's test, up to the largest torque of the records. Stiffness by range is the secant
+of the spring over a third of that torque each; hysteresis the width of the loop where the torque is 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError
+from elastid.base.execution import Execution
+from elastid.base.note import Note
+from elastid.fit.result import FitResult
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linearise import Linearisation
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear.choice import choose_effects
+from elastid.nonlinear.gear.drive_lines import DriveLines
+from elastid.nonlinear.gear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear.levels import Levels, joints_of
+from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
+from elastid.nonlinear.gear_bounds import family_of, level_bounds
+from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
+from elastid.nonlinear.spec import GearsSpec
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+_POINTS = 400  # of a loop
+_SAME = 0.95  # correlation from which two effects cannot be told apart
+_OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
+_HYSTERESIS = ("stop", "bristle")
+
+
+def open_gears(
+    measured: Sequence[Iterable[Record]],
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+    robot: Robot,
+    spec: EstimatorSpec,
+    gears: GearsSpec,
+    execution: Execution | None = None,
+    model: ModelSpec = EXACT,
+    planned: IntArray | None = None,
+) -> GearResult:
+    """Effects of all gears with the parameters beside them, and the sheet of each gear.
+
+    measured, responses: of each fitted configuration in one order.  result: the fit of these responses.  Where nothing
+    can be found the numbers are those of the fit, and `refused` says why.
+    Raises StudyError as `analysed_lines` does.
+    """
+    nothing = GearResult(result.x, result.covariance)
+    linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
+    try:
+        data = (execution or Execution()).ordered(partial(gather_lines, spec=spec, planned=planned), measured)
+        drives = drives_of(data, responses, linearisation, result)
+    except DataError as error:
+        return replace(nothing, refused=str(error))
+    if reason := refusal(data, drives, responses, result):
+        return replace(nothing, refused=reason)
+    found = choose_effects(data, responses, linearisation, result.parameters, result.x, gears.orders)
+    bounds = level_bounds(data, responses, linearisation, found, gears.orders)
+    joints, _ = joints_of(linearisation)
+    sheets = tuple(
+        sheet_of(JointLevels(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
+        for i, joint in enumerate(joints)
+    )
+    pairs = list(zip(data, drives, strict=True))
+    notes = (*coarse_encoders(data, drives, joints), *_off_notes(result, found), *_same_notes(found))
+    before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
+    after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
+    effects = found.effects, found.levels
+    return GearResult(found.x, found.covariance, *effects, sheets, before=before, after=after, notes=notes)
+
+
+def _peak(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j: int) -> float:
+    """Largest torque of a gear in the records, by the linear model."""
+    peaks = []
+    for lines, drive in zip(data, drives, strict=True):
+        torque = lines.fine((drive.k[j] + lines.s * drive.d[j]) * deflections(lines, drive, j).T)
+        peaks.append(float(np.abs(torque + drive.torque[j]).max()))
+    return max(peaks)
+
+
+@dataclass(frozen=True, eq=False)
+class JointLevels:
+    """The levels at the gear of a joint: values with rows d value / d (x, f), from which standard deviations follow."""
+
+    found: Levels
+    robot: Robot
+    joint: str
+    index: int
+    peak: float
+
+    @property
+    def effects(self) -> list[tuple[int, GearEffect, float]]:
+        """Its own, with place and level."""
+        pairs = enumerate(zip(self.found.effects, self.found.levels.tolist(), strict=True))
+        return [(i, effect, f) for i, (effect, f) in pairs if effect.joint == self.joint]
+
+    def parameter(self, name: str) -> tuple[float, FloatArray]:
+        """A parameter of the model, and its row."""
+        found, row = self.found, np.zeros(len(self.found.covariance))
+        place = found.parameters.names.index(name)
+        row[: len(found.x)] = found.parameters.jacobian(found.x)[place]
+        return float(found.parameters.expand(found.x)[place]), row
+
+    def level_row(self, weights: Mapping[int, float]) -> FloatArray:
+        """The row of a sum of levels by place."""
+        row = np.zeros(len(self.found.covariance))
+        for i, weight in weights.items():
+            row[len(self.found.x) + i] = weight
+        return row
+
+    def std(self, row: FloatArray) -> float:
+        """Of a value."""
+        return math.sqrt(max(float(row @ self.found.covariance @ row), 0.0))
+
+    def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:
+        """tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
+        k, row = self.parameter(f"k_{self.joint}")
+        tau, rows = k * delta, delta[:, None] * row
+        for i, effect, f in self.effects:
+            if effect.is_implicit and effect.signal == "deflection" and (hysteresis or effect.kind not in _HYSTERESIS):
+                phi = implicit_law(effect, delta)[0]
+                tau = tau + f * phi
+                rows = rows + phi[:, None] * self.level_row({i: 1.0})
+        return tau, rows
+
+    @property
+    def is_linear(self) -> bool:
+        """One stiffness at every torque."""
+        kinds = [e.kind for _, e, _ in self.effects if e.is_implicit and e.signal == "deflection"]
+        return not any(kind not in _HYSTERESIS for kind in kinds)
+
+    def largest(self) -> float:
+        """Deflection at the largest torque of the records."""
+        reach = self.peak / self.parameter(f"k_{self.joint}")[0]
+        for _ in range(40):
+            tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
+            reach *= 1 + 0.7 * (self.peak / tau - 1)
+        return reach
+
+
+def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], float]) -> GearSheet:
+    """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
+    rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
+    numbers = [*_springs(gear, result, reach), *_loop_numbers(gear, reach), *_frictions(gear), *_periodic(gear)]
+    numbers += _unseen(gear, bounds, reach)
+    numbers = [
+        replace(each, rated_share=(each.value if each.is_seen else each.bound) / rated)
+        if each.kind == "torque" and math.isfinite(rated) else each
+        for each in numbers
+    ]  # fmt: skip
+    delta = reach * np.concatenate([np.linspace(-1, 1, _POINTS // 2), np.linspace(1, -1, _POINTS // 2)])
+    tau, rows = gear.torque(delta, hysteresis=True)
+    slope = np.gradient(gear.torque(delta[: _POINTS // 2], hysteresis=False)[0], delta[: _POINTS // 2])
+    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
+    ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
+    torsion_std = std / np.concatenate([slope, slope[::-1]])
+    return GearSheet(gear.joint, tuple(ordered), rated, gear.peak, tau, delta, torsion_std)
+
+
+# Letters of names in the order of a sheet.
+_ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
+
+
+def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNumber]:
+    """Stiffness at zero torque and by range, and damping."""
+    joint, numbers = gear.joint, []
+    words = {"k": ("stiffness at zero torque", "stiffness", "N*m/rad"), "d": ("damping", "damping", "N*m*s/rad")}
+    slides = gear.robot.slides(f"motor {joint}")
+    for letter, (meaning, kind, unit) in words.items():
+        value, row = gear.parameter(f"{letter}_{joint}")
+        own = result.parameters.expand(result.x)[result.parameters.names.index(f"{letter}_{joint}")]
+        unit = unit.replace("N*m", "N").replace("rad", "m") if slides else unit
+        numbers.append(GearNumber(f"{letter}_{joint}", meaning, kind, unit, value, gear.std(row), linear=float(own)))
+    if gear.is_linear:
+        return numbers
+    delta = np.linspace(0, reach, 601)
+    tau, rows = gear.torque(np.concatenate([delta, delta[::-1]]), hysteresis=False)
+    ends = np.searchsorted(tau[:601], gear.peak * np.arange(4) / 3).clip(0, 600)
+    for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
+        width = delta[high] - delta[low]
+        meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
+        value, row = (tau[high] - tau[low]) / width, (rows[high] - rows[low]) / width
+        numbers.append(GearNumber(f"K{i}_{joint}", meaning, "stiffness", "N*m/rad", float(value), gear.std(row)))
+    peak, row = gear.torque(np.array([0.0, reach]), hysteresis=False)
+    k, of_k = gear.parameter(f"k_{joint}")
+    share = peak[1] / (k * reach) - 1
+    of_share = (row[1] - (1 + share) * reach * of_k) / (k * reach)
+    meaning = f"stiffening up to {gear.peak:.3g} Nm, of the secant"
+    numbers.append(GearNumber(f"h_{joint}", meaning, "share", "1", float(share), gear.std(of_share)))
+    return numbers
+
+
+def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
+    """Hysteresis: half the difference of torque, and the width of the loop in torsion, at zero."""
+    own = [(i, effect, f) for i, effect, f in gear.effects if effect.kind in _HYSTERESIS]
+    if not own:
+        return []
+    path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
+    weights = {}
+    for i, effect, _ in own:
+        phi = implicit_law(effect, path)[0]
+        weights[i] = float(phi[100] - phi[301]) / 2
+    value = sum(f * weights[i] for i, _, f in own)
+    row, (k, of_k) = gear.level_row(weights), gear.parameter(f"k_{gear.joint}")
+    width, of_width = 2 * value / k, (2 * row - 2 * value / k * of_k) / k
+    return [
+        GearNumber(f"H_{gear.joint}", "hysteresis, torque to either side", "torque", "N*m", value, gear.std(row)),
+        GearNumber(f"Hw_{gear.joint}", "hysteresis, width of the loop", "angle", "rad", width, gear.std(of_width)),
+    ]
+
+
+# Prefix of the name, meaning and kind of levels that are summed up.
+_SUMS = {
+    "friction": ("Fc_m", "running torque before the gear", "torque", "N*m"),
+    "behind": ("Fb_", "running torque behind the gear", "torque", "N*m"),
+    "load": ("Fcl_m", "friction by load, of the gear's torque", "share", "1"),
+}
+
+
+def _frictions(gear: JointLevels) -> list[GearNumber]:
+    """Levels of friction."""
+    numbers = []
+    for kind, (prefix, meaning, what, unit) in _SUMS.items():
+        own = {i: 1.0 for i, effect, _ in gear.effects if effect.kind == kind}
+        if own:
+            row, value = gear.level_row(own), sum(f for i, _, f in gear.effects if i in own)
+            numbers.append(GearNumber(f"{prefix}{gear.joint}", meaning, what, unit, value, gear.std(row)))
+    return numbers
+
+
+_PERIODIC = {
+    "error": ("e", "transmission error", "error", "rad"),
+    "ripple": ("r", "ripple and cogging of the torque", "torque", "N*m"),
+}
+
+
+def _periodic(gear: JointLevels) -> list[GearNumber]:
+    """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
+    numbers = []
+    for word, (letter, meaning, what, unit) in _PERIODIC.items():
+        for order in dict.fromkeys(e.scale for _, e, _ in gear.effects if e.kind.split()[0] == word):
+            a, b = ({i: f for i, e, f in gear.effects if e.kind == f"{word} {part}" and e.scale == order}
+                    for part in ("sine", "cosine"))  # fmt: skip
+            x, y = sum(a.values()), sum(b.values())
+            size = math.hypot(x, y)
+            row = gear.level_row(dict.fromkeys(a, x / size) | dict.fromkeys(b, y / size))
+            turn = gear.level_row(dict.fromkeys(a, -y / size**2) | dict.fromkeys(b, x / size**2))
+            numbers.append(GearNumber(
+                f"{letter}{order:g}_{gear.joint}", f"{meaning}, {_times(order)}", what, unit, size, gear.std(row),
+                order=order, phase=math.atan2(y, x), phase_std=gear.std(turn),
+            ))  # fmt: skip
+    return numbers
+
+
+def _times(order: float) -> str:
+    return {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
+
+
+def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], float], reach: float) -> list[GearNumber]:
+    """Bounds of what was looked for and not found, of several shapes the largest."""
+    largest: dict[tuple[str, str, float], GearNumber] = {}
+    k = gear.parameter(f"k_{gear.joint}")[0]
+    for group, bound in bounds.items():
+        effect = group[0]
+        if effect.joint != gear.joint:
+            continue
+        for number in _bounded(effect, bound, k, reach):
+            key = number.name, *family_of(effect)[1:]
+            if key not in largest or largest[key].bound < number.bound:
+                largest[key] = number
+    return [*largest.values()]
+
+
+def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
+    word, joint = effect.kind.split()[0], effect.joint
+    if word in _SUMS:
+        prefix, meaning, what, unit = _SUMS[word]
+        return [GearNumber(f"{prefix}{joint}", meaning, what, unit, bound=bound)]
+    if word in _PERIODIC:
+        letter, meaning, what, unit = _PERIODIC[word]
+        name, words = f"{letter}{effect.scale:g}_{joint}", f"{meaning}, {_times(effect.scale)}"
+        return [GearNumber(name, words, what, unit, bound=bound, order=effect.scale)]
+    if word in _HYSTERESIS:
+        # Within the records it does not reach its level where it bends over more than they deflect the gear.
+        part = min(1.0, reach / effect.scale)
+        width = GearNumber(f"Hw_{joint}", "hysteresis, width of the loop", "angle", "rad", bound=2 * part * bound / k)
+        torque = "hysteresis, torque to either side"
+        return [GearNumber(f"H_{joint}", torque, "torque", "N*m", bound=part * bound), width]
+    if word in ("cubic", "progressive"):
+        share = abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) * bound / (k * reach)
+        meaning = "stiffening up to the largest torque, of the secant"
+        return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]
+    return []
+
+
+def _off_notes(result: FitResult, found: Levels) -> list[Note]:
+    """Springs and dampers of the linear fit that are off: their numbers are those of the records' amplitude."""
+    before, after = result.parameters.as_dict(result.x), result.parameters.as_dict(found.x)
+    std = np.sqrt(np.diag(found.covariance))
+    notes = []
+    for i, p in enumerate(result.parameters.free):
+        own = math.hypot(float(std[i]), math.sqrt(max(float(result.covariance[i, i]), 0.0)))
+        off = float(result.x[i] - found.x[i])
+        if p.name[:2] in ("k_", "d_") and abs(off) > _OFF * own and found.effects:
+            change = before[p.name] / after[p.name] - 1
+            text = (
+                f"the linear fit has {before[p.name]:.6g} {p.unit}, {100 * change:+.2g} % ({abs(off) / own:.1f} "
+                f"std) of the {after[p.name]:.6g} found beside the effects of the gears: its number is that of these "
+                "records' amplitude"
+            )
+            notes.append(Note("linear-fit-off", text, p.name, "information"))
+    return notes
+
+
+def _same_notes(found: Levels) -> list[Note]:
+    """Effects whose levels cannot be told apart."""
+    n, notes = len(found.x), []
+    std = found.std
+    for i, first in enumerate(found.effects):
+        for j, second in enumerate(found.effects[:i]):
+            if family_of(first) == family_of(second):
+                continue
+            r = float(found.covariance[n + i, n + j] / max(std[i] * std[j], 1e-300))
+            if abs(r) > _SAME:
+                both = found.levels[i] + found.levels[j] if first.unit == second.unit else math.nan
+                one = f"; together {both:.4g} {first.unit}" if math.isfinite(both) else ""
+                text = f"{first.kind} and {second.kind} cannot be told apart (correlation {r:.3f}){one}"
+                notes.append(Note("effects-alike", text, f"joint {first.joint}"))
+    return notes

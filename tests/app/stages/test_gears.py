@@ -1,0 +1,122 @@
+"""The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from elastid.app import cli
+from elastid.store.results import read_gears
+from elastid.study import load_robot
+
+ROOT = Path(__file__).parents[3]
+STUDY = ROOT / "configs" / "gear.yml"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of configs/gear.yml."""
+    path = tmp_path_factory.mktemp("gear")
+    assert cli.run_command(["run", str(STUDY), "--run", str(path), "-q"]) == 0
+    return path
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return content
+
+
+@pytest.mark.slow
+def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder: Path) -> None:
+    """k within 0.1 %, d within 2 %, where the linear fit is 1.5 and 100 % off; a misfit is one no more."""
+    content = summary(folder)
+    assert content["status"] == "converged"
+    for name, p in content["parameters"].items():
+        if name[:2] in ("k_", "d_"):
+            assert abs(p["value"] / p["truth"] - 1) < (1e-3 if name[0] == "k" else 2e-2), name
+    assert abs(content["parameters"]["k_1"]["linear"]["value"] / 215e3 - 1) > 0.01
+    assert content["parameters"]["d_2"]["linear"]["value"] > 1.5 * 18
+    gears = read_gears(folder / "gears.h5")
+    assert gears is not None
+    assert {number.name for number in gears.numbers} == set(content["gears"]["numbers"])
+
+
+@pytest.mark.slow
+def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
+    """Levels within 10 % of those simulated; what the robot has not is below its bound."""
+    found = {name: n["value"] for name, n in summary(folder)["gears"]["numbers"].items() if n["value"] is not None}
+    truth = {"Fc_m1": 20.0, "Fc_m2": 6.0, "Fb_1": 12.0, "Fb_2": 3.0, "Fcl_m1": 0.02, "H_2": 4.0}
+    truth |= {"e1_1": 2e-5, "e2_2": 4e-5}
+    for name, level in truth.items():
+        assert found[name] == pytest.approx(level, rel=0.1), name
+    of_springs = {"k_1", "k_2", "d_1", "d_2", "h_1", "K1_1", "K2_1", "K3_1", "Hw_2"}
+    assert set(found) == set(truth) | of_springs
+
+
+@pytest.mark.slow
+def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
+    """Each number of the last column, and of the linear fit, to within two of its last digit."""
+    content = summary(folder)
+    numbers = content["gears"]["numbers"]
+
+    def shown(name: str) -> float:
+        n = numbers[name]
+        return float(n.get("in_maker_unit", n["value"]))
+
+    p = content["parameters"]
+    expected = {
+        "stiffness of axes": ([p[k]["linear"]["value"] / 1e3 for k in ("k_1", "k_2")],
+                              [p[k]["value"] / 1e3 for k in ("k_1", "k_2")]),
+        "damping in": ([p[d]["linear"]["value"] for d in ("d_1", "d_2")], [p[d]["value"] for d in ("d_1", "d_2")]),
+        "running torque before": (content["friction"][0]["F_c"], [shown("Fc_m1"), shown("Fc_m2")]),
+        "running torque behind": ([], [shown("Fb_1"), shown("Fb_2")]),
+        "friction by load": ([], [shown("Fcl_m1"), shown("h_1")]),
+        "transmission error": ([], [shown("e1_1"), shown("e2_2")]),
+        "hysteresis of": ([], [shown("H_2")]),
+    }  # fmt: skip
+    for heading, (linear, laid_open) in expected.items():
+        (row,) = (line for line in README.splitlines() if line.startswith(f"| {heading}"))
+        of_linear, of_gears = row.split("|")[3:5]
+        _compare(of_linear, [linear] if isinstance(linear, float) else linear)
+        _compare(of_gears, laid_open)
+
+
+def _compare(cell: str, expected: list[float]) -> None:
+    words = [word.strip("*%, ") for word in cell.replace("–", "").replace("none", "").split()]
+    said = [word for word in words if word]
+    assert len(said) == len(expected), cell
+    for word, number in zip(said, expected, strict=True):
+        digit = 10.0 ** -len(word.partition(".")[2])
+        assert abs(float(word) - number) < 2 * digit, (cell, expected)
+
+
+@pytest.mark.slow
+def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
+    """Its file states the effects; simulated forwards along the reference it is 0.1 % off, without friction 40."""
+    first = load_robot(folder / "identified_robot.yml").driven[0]
+    assert first.gear.error[0].amplitude == pytest.approx(2e-5, rel=0.1)
+    assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
+    runs = json.loads((folder / "validation.json").read_text())["twin"]
+    (run,) = (run for run in runs if run["driven_by"] == "reference")
+    motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
+    assert motion
+    assert all(signal["error"] < 2e-3 and signal["error_without_friction"] > 0.1 for signal in motion)
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
+    arguments = [str(STUDY), "--run", str(folder), "-q"]
+    cli.run_command(["fit", *arguments])
+    assert "gears" not in summary(folder)
+    assert not (folder / "gears.h5").exists()
+    assert cli.run_command(["validate", *arguments]) == 2
+    assert "elastid gears" in capfd.readouterr().err
+    assert cli.run_command(["gears", *arguments]) == 0
+    assert "gears" in summary(folder)
+    assert cli.run_command(["inspect", str(folder / "gears.h5")]) == 0
+    assert "N*m/arcmin" in capfd.readouterr().out

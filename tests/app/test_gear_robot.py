@@ -1,0 +1,64 @@
+"""The robot that states what was found at its motors and gears."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.two_mass_gear import RATIO, Gear, robot
+
+from elastid.app.gear_robot import with_effects, with_linear_springs
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.gear_result import GearResult
+from elastid.robot import Friction, Hysteresis
+from elastid.robot.simplified import with_joints
+
+FOUND = {
+    GearEffect("friction", "1", 1e-3): 20.0,
+    GearEffect("behind", "1", 1e-3): 12.0,
+    GearEffect("load", "1"): 0.02,
+    GearEffect("cubic", "1"): 3e9,
+    GearEffect("error sine", "1", 2.0): 3e-5,
+    GearEffect("error cosine", "1", 2.0): -4e-5,
+    GearEffect("ripple cosine", "1", 6.0): 2.0,
+    GearEffect("stop", "1", 1e-4): 5.0,
+    GearEffect("bristle", "1", 3e-4): 2.0,
+}
+
+
+def result(found: dict[GearEffect, float]) -> GearResult:
+    """Of a search without parameters."""
+    covariance = np.eye(len(found))
+    return GearResult(np.zeros(0), covariance, tuple(found), np.array([*found.values()]))
+
+
+def test_every_effect_has_its_place() -> None:
+    """Friction of the motor on the motor's side, all else on the link's; a sine and a cosine are one error."""
+    joint = with_effects(robot(Gear()), result(FOUND)).driven[0]
+    assert joint.motor.friction.coulomb == pytest.approx(20.0 / RATIO)
+    assert joint.friction == Friction(12.0)
+    assert joint.spring.cubic == 3e9
+    assert joint.gear.load == 0.02
+    (error,), (ripple,) = joint.gear.error, joint.gear.ripple
+    assert (error.amplitude, error.order) == (pytest.approx(5e-5), 2.0)
+    assert error.phase == pytest.approx(np.arctan2(-4.0, 3.0))
+    assert (ripple.amplitude, ripple.phase) == (2.0, pytest.approx(np.pi / 2))
+    assert joint.gear.hysteresis == (Hysteresis(5.0, 1e-4), Hysteresis(2.0, 3e-4, "smooth"))
+
+
+def test_friction_of_the_file_that_was_not_found_is_gone() -> None:
+    """The records would have shown it: it is in none of the identified numbers."""
+    rough = with_joints(robot(Gear()), lambda joint: replace(joint, motor=replace(joint.motor, coulomb=0.3)))
+    joint = with_effects(rough, result({})).driven[0]
+    assert joint.motor.dry_friction is None
+    assert joint.gear is None
+
+
+def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
+    """A softening of the records' torques has no place in a robot's file, which holds at every torque."""
+    joint = with_effects(robot(Gear()), result({GearEffect("cubic", "1"): -1e9})).driven[0]
+    assert joint.spring.is_linear
+    hard = with_effects(robot(Gear()), result({GearEffect("progressive", "1"): 1e7}))
+    assert hard.driven[0].spring.symmetric_quadratic == 1e7
+    assert with_linear_springs(hard).driven[0].spring.is_linear

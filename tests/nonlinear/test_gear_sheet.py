@@ -1,0 +1,154 @@
+"""Sheets of gears: makers' numbers of levels by closed forms, and gears of an outside plant laid open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.two_mass_gear import LINES, Gear, records, robot
+
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.gear.levels import Levels
+from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet, with_gears
+from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
+from elastid.nonlinear.spec import GearsSpec
+from elastid.parameters import Parameter, ParameterSet
+
+K, PEAK = 2e5, 600.0
+SPEC = EstimatorSpec(friction="none", transient_periods=0)
+PARAMETERS = ParameterSet((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
+
+
+def linear_fit(x: np.ndarray) -> FitResult:
+    """Of two parameters, without anything else."""
+    none = np.zeros(2, bool)
+    return FitResult(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
+
+
+def sheet(
+    found: dict[GearEffect, float], std: float = 0.01, bounds: dict[GearEffect, float] | None = None
+) -> GearSheet:
+    """Of levels with a relative standard deviation, k and d at 1e-3; linear fit: k 10 % larger."""
+    x, levels = PARAMETERS.x, np.array([*found.values()])
+    covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
+    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, (), ())
+    groups = {(effect,): bound for effect, bound in (bounds or {}).items()}
+    gear = JointLevels(known, robot(Gear()), "1", 0, PEAK)
+    return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
+
+
+def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
+    """Of k x + k_3 x^3, by the roots of the cubic; at zero torque k, beside that of the linear fit."""
+    k_3 = 4e9
+    ends = [0.0, *(np.roots([k_3, 0.0, K, -PEAK * i / 3])[-1].real for i in (1, 2, 3))]
+    found = sheet({GearEffect("cubic", "1"): k_3})
+    for i in range(3):
+        number = found.number(f"K{i + 1}_1")
+        assert number is not None
+        assert number.value == pytest.approx(PEAK / 3 / (ends[i + 1] - ends[i]), rel=5e-3)
+    k, stiffening = found.number("k_1"), found.number("h_1")
+    assert k is not None
+    assert stiffening is not None
+    assert (k.value, k.std, k.linear) == (pytest.approx(K), pytest.approx(1e-3 * K), pytest.approx(1.1 * K))
+    assert k.value * k.factor == pytest.approx(K / ARCMIN)
+    assert stiffening.value == pytest.approx(k_3 * ends[3] ** 2 / K, rel=1e-3)
+    assert stiffening.std == pytest.approx(np.hypot(0.01, 1e-3) * stiffening.value, rel=1e-2)
+
+
+def test_hysteresis_is_the_loop_of_a_maker_s_test() -> None:
+    """An element of 5 Nm that slides all the way: 5 Nm to either side, 2 x 5 Nm / k wide where the torque is 0."""
+    found = sheet({GearEffect("stop", "1", 1e-4): 5.0})
+    torque, width = found.number("H_1"), found.number("Hw_1")
+    assert torque is not None
+    assert width is not None
+    assert (torque.value, torque.std) == (pytest.approx(5.0), pytest.approx(0.05))
+    assert width.value == pytest.approx(2 * 5.0 / K)
+    crossings = [
+        np.interp(0.0, found.torque[part][order], found.torsion[part][order])
+        for part in (slice(None, 200), slice(200, None))
+        for order in [np.argsort(found.torque[part])]
+    ]
+    assert abs(crossings[0] - crossings[1]) == pytest.approx(width.value, rel=1e-3)
+    assert found.number("K1_1") is None  # one stiffness at every torque
+    middle = np.argmin(np.abs(found.torque[:200]))
+    assert found.torsion_std[middle] == pytest.approx(0.05 / K, rel=0.05)
+
+
+def test_a_transmission_error_has_amplitude_and_phase() -> None:
+    """3 sin + 4 cos is 5 sin with a phase of atan2(4, 3); std 1 % of each, across and along."""
+    found = sheet({GearEffect("error sine", "1", 2.0): 3e-5, GearEffect("error cosine", "1", 2.0): 4e-5})
+    number = found.number("e2_1")
+    assert number is not None
+    assert (number.value, number.order) == (pytest.approx(5e-5), 2.0)
+    assert number.phase == pytest.approx(np.arctan2(4, 3))
+    assert number.std == pytest.approx(0.01 * np.hypot(9, 16) / 5 * 1e-5)
+    assert number.phase_std == pytest.approx(0.01 * np.hypot(3 * 4, 4 * 3) / 25)
+    assert "twice a motor turn" in number.meaning
+
+
+def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
+    """And no value; of a hysteresis that the records bend only in part, as much as they would have shown."""
+    bounds = {GearEffect("friction", "1"): 0.4, GearEffect("friction", "1", 1e-3): 0.6}
+    bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
+    found = sheet({}, bounds=bounds)
+    friction, torque = found.number("Fc_m1"), found.number("H_1")
+    assert friction is not None
+    assert torque is not None
+    assert not friction.is_seen
+    assert friction.bound == 0.6
+    assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
+
+
+def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[FitResult, GearResult]:
+    """The linear fit of the plant's records, and its gear."""
+    measured = records(gear, seed=seed, experiments=experiments)
+    response = estimate(measured, SPEC, LINES)
+    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
+    linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
+    return linear, open_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
+
+
+@pytest.mark.slow
+def test_the_sheet_of_a_gear_has_its_numbers_and_the_fit_is_at_zero_torque() -> None:
+    """Friction on both sides and hardening, 4 std; the linear fit is off and says so; what is not there has bounds."""
+    truth = Gear(F_m=20.0, F_l=12.0, k_3=2e9)
+    linear, found = laid_open(truth)
+    (gear,) = found.sheets
+    for name, value in {"k_1": truth.k, "Fc_m1": 20.0, "Fb_1": 12.0}.items():
+        number = gear.number(name)
+        assert number is not None
+        assert abs(number.value - value) < max(4 * number.std, 5e-3 * value), name
+    assert not any(number.is_seen for number in gear.numbers if number.name in ("e1_1", "e2_1", "H_1", "r1_1"))
+    assert found.after < 0.25 * found.before
+    assert any(note.code == "linear-fit-off" and note.place == "k_1" for note in found.notes)
+    assert with_gears(linear, found).values["k_1"] == gear.numbers[0].value
+    assert linear.values["k_1"] > 1.01 * truth.k
+
+
+@pytest.mark.slow
+def test_a_clean_gear_has_bounds_alone() -> None:
+    """Below a hundredth of the torque of 200 Nm rms, and 2 arcsec; its k is that of the linear fit."""
+    linear, found = laid_open(Gear())
+    (gear,) = found.sheets
+    assert [number.name for number in gear.numbers if number.is_seen] == ["k_1", "d_1"]
+    bounds = {number.name: number.bound for number in gear.numbers if not number.is_seen}
+    assert {"Fc_m1", "Fb_1", "Fcl_m1", "H_1", "Hw_1", "e1_1", "e2_1", "h_1", "r1_1"} <= set(bounds)
+    assert max(bounds["Fc_m1"], bounds["Fb_1"], bounds["H_1"]) < 2.0
+    assert bounds["e1_1"] < 1e-5
+    assert abs(with_gears(linear, found).values["k_1"] / linear.values["k_1"] - 1) < 1e-3
+
+
+@pytest.mark.slow
+def test_a_search_without_a_reason_to_trust_it_leaves_the_fit_as_it_is() -> None:
+    """One realisation: a sentence says what is lost, and the numbers are those of the fit."""
+    linear, found = laid_open(Gear(F_m=20.0), experiments=1)
+    assert "one realisation" in found.refused
+    assert found.sheets == ()
+    assert with_gears(linear, found) is linear
