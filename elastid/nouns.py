@@ -103,8 +103,9 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
     ) -> tuple[response_room.FrequencyResponse, ...]:
         """The response of each configuration, with friction of the motors taken out (`friction="none"`: left in).
 
-        robot: needed where gears couple axes, since friction acts on their motors.  estimator: keys of `estimator`.
-        Raises StudyError for wrong keys, DataError for records that cannot be estimated together.
+        robot: whose gears are examined; needed where they couple axes, since friction acts on motors.
+        estimator: keys of `estimator`.  Raises StudyError for wrong keys, DataError for records that cannot be
+        estimated together.
         """
         spec = _section(estimator, EstimatorSpec)
         groups: dict[str, list[record_room.Record]] = {}
@@ -113,7 +114,7 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
         E = shaft_couplings(robot)
         shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
         friction = None if spec.friction == "none" else find_friction(shafts, spec)
-        return tuple(estimate_without_friction(group, friction, spec, None, E) for group in groups.values())
+        return tuple(estimate_without_friction(group, friction, spec, None, E, robot) for group in groups.values())
 
     @staticmethod
     def load(path: Path | str) -> tuple[response_room.FrequencyResponse, ...]:
