@@ -104,8 +104,9 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
     ) -> response_room.Responses:
         """The response of each configuration, with friction of the motors taken out (`friction="none"`: left in).
 
-        robot: needed where gears couple axes, since friction acts on their motors.  estimator: keys of `estimator`.
-        Raises StudyError for wrong keys, DataError for records that cannot be estimated together.
+        robot: whose gears are examined; needed where they couple axes, since friction acts on motors.
+        estimator: keys of `estimator`.  Raises StudyError for wrong keys, DataError for records that cannot be
+        estimated together.
         """
         spec = _section(estimator, EstimatorSpec)
         groups: dict[str, list[record_room.Record]] = {}
@@ -114,7 +115,7 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
         E = shaft_couplings(robot)
         shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
         friction = None if spec.friction == "none" else find_friction(shafts, spec)
-        estimate = partial(estimate_without_friction, friction=friction, spec=spec, planned_lines=None, E=E)
+        estimate = partial(estimate_without_friction, friction=friction, spec=spec, planned_lines=None, E=E, robot=robot)
         return response_room.Responses(estimate(group) for group in groups.values())
 
     @staticmethod

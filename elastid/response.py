@@ -33,6 +33,10 @@ LINE_ARRAYS = (
 )
 
 
+# Code of a note on a response by which the gear of a motor, named first, is no straight spring.
+NOT_STRAIGHT = "gear-not-straight"
+
+
 @frozen_value
 class Levels:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.

@@ -21,6 +21,7 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
+from elastid.nonlinear.gear.straightness import straightness_notes
 from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
@@ -28,6 +29,7 @@ from elastid.nonlinear.shapes import spectrum
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
+from elastid.robot import Robot
 
 
 def estimate_without_friction(
@@ -36,13 +38,18 @@ def estimate_without_friction(
     spec: EstimatorSpec,
     planned_lines: IntArray | None = None,
     E: FloatArray | None = None,
+    robot: Robot | None = None,
 ) -> FrequencyResponse:
     """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
 
-    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
+    gears are examined for springs that are not straight; None for no such notes.
     Raises DataError as `estimate` does.
     """
-    response = estimate(tuple(net_records(records, friction, E)), spec, planned_lines)
+    net = tuple(net_records(records, friction, E))
+    response = estimate(net, spec, planned_lines)
+    if robot is not None:
+        response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     if friction is None:
         return response
     response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))

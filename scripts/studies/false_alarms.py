@@ -128,6 +128,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "unexplained-distortion": "unexplained",
     },
     "nonlinear.places.Limits": {"friction-sticks": "*"},
+    "nonlinear.gear.straightness.Limits": {"gear-not-straight": "*"},
     "fit.diagnosis.configurations.Limits": {
         "unlike-configuration": "residual_ratio",
         "two-groups": "removed_share removed_alone cost_ratio cost_ratio_alone difference",

@@ -29,38 +29,74 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.two_mass_gear import LINES, Gear, records, robot
 
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.find import find_gear_effects
+from elastid.record import Record
 
-# Each gear, and the levels of the effects it has.
-CASES: dict[str, tuple[Gear, dict[str, float]]] = {
-    "none": (Gear(), {}),
-    "friction at the motor": (Gear(F_m=30.0), {"friction": 30.0}),
-    "friction behind the gear": (Gear(F_l=30.0), {"behind": 30.0}),
-    "friction on both sides": (Gear(F_m=20.0, F_l=12.0), {"friction": 20.0, "behind": 12.0}),
-    "hardening spring": (Gear(k_3=4e9), {"cubic": 4e9}),
-    "transmission error": (Gear(error=5e-5), {"error sine": 5e-5}),
+
+@dataclass(frozen=True)
+class Known:
+    """An effect of the plant: its level, and the end of a range or a gap, rad."""
+
+    kind: str
+    level: float
+    scale: float = 0.0
+
+
+# Each gear, and the effects it has.
+CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
+    "none": (Gear(), ()),
+    "friction at the motor": (Gear(F_m=30.0), (Known("friction", 30.0),)),
+    "friction behind the gear": (Gear(F_l=30.0), (Known("behind", 30.0),)),
+    "friction on both sides": (Gear(F_m=20.0, F_l=12.0), (Known("friction", 20.0), Known("behind", 12.0))),
+    "hardening spring": (Gear(k_3=4e9), (Known("cubic", 4e9),)),
+    "progressive spring": (Gear(k_2s=2e7), (Known("progressive", 2e7),)),
+    "ranges of torque": (
+        Gear(ranges=((100.0, 1.4), (300.0, 1.7))),
+        (Known("range", 0.4 * 2e5, 100.0 / 2e5), Known("range", 0.3 * 2e5, 100.0 / 2e5 + 200.0 / 2.8e5)),
+    ),
+    "gap": (Gear(gap=1e-4), (Known("gap", 2e5, 1e-4),)),
+    "lost motion": (Gear(gap=1e-4, loose=0.3), (Known("gap", 0.7 * 2e5, 1e-4),)),
+    "lost motion and friction": (
+        Gear(gap=1e-4, loose=0.3, F_m=20.0, F_l=12.0),
+        (Known("friction", 20.0), Known("behind", 12.0), Known("gap", 0.7 * 2e5, 1e-4)),
+    ),
+    "transmission error": (Gear(error=5e-5), (Known("error sine", 5e-5),)),
     "all at once": (
         Gear(F_m=20.0, F_l=12.0, k_3=2e9, error=2e-5),
-        {"friction": 20.0, "behind": 12.0, "cubic": 2e9, "error sine": 2e-5},
+        (Known("friction", 20.0), Known("behind", 12.0), Known("cubic", 2e9), Known("error sine", 2e-5)),
     ),
 }
+QUICK = ("hardening spring", "gap")
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
-MAX_K, MAX_D, MAX_LEVEL, MAX_ERROR_AMONG_OTHERS = 1e-3, 2e-2, 0.03, 0.15
+MAX_K, MAX_D, MAX_LEVEL, MAX_ERROR_AMONG_OTHERS, MAX_SCALE = 1e-3, 2e-2, 0.03, 0.15, 0.02
+EXPERIMENTS = 4
 
 
-def run(gear: Gear, seed: int) -> dict[str, object]:
-    """Errors of k and d without and with the effects, and the effects' levels."""
-    measured = records(gear, seed=seed)
+def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
+    """Records of each draw, from one simulation of all of them side by side."""
+    every = records(gear, experiments=EXPERIMENTS * draws, seed=seed)
+    return [
+        tuple(replace(each, realisation=m) for m, each in enumerate(every[EXPERIMENTS * i : EXPERIMENTS * (i + 1)]))
+        for i in range(draws)
+    ]
+
+
+def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
+    """Errors of k and d without and with the effects, their std, and the effects: kind, level, std, scale, its std."""
     response = estimate(measured, SPEC, LINES)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
     spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
@@ -68,57 +104,79 @@ def run(gear: Gear, seed: int) -> dict[str, object]:
     began = time.process_time()
     found = find_gear_effects([measured], [response], linear, robot(gear), SPEC, planned=LINES)
     numbers = linear.parameters.as_dict(found.x)
+    names = linear.parameters.free_names
+    std = np.sqrt(np.diag(found.covariance))
+    values = zip(found.effects, found.levels.tolist(), found.std.tolist(), found.scale_std.tolist(), strict=True)
     return {
         "linear": [linear.values["k_1"] / gear.k - 1, linear.values["d_1"] / gear.d - 1],
         "status": linear.status,
         "found": [numbers["k_1"] / gear.k - 1, numbers["d_1"] / gear.d - 1],
-        "levels": {effect.kind: f for effect, f in zip(found.effects, found.levels.tolist(), strict=True)},
-        "std": {effect.kind: std for effect, std in zip(found.effects, found.std.tolist(), strict=True)},
+        "std": [float(std[names.index("k_1")]), float(std[names.index("d_1")])],
+        "effects": sorted([e.kind, level, of_level, e.scale, of_scale] for e, level, of_level, of_scale in values),
         "cpu_s": time.process_time() - began,
     }
 
 
-def check(name: str, expected: dict[str, float], one: dict[str, object]) -> None:
-    """What the docstring says."""
-    levels = dict(one["levels"])  # type: ignore[call-overload]
-    cosine = levels.pop("error cosine", 0.0)
-    assert set(levels) == set(expected), f"{name}: found {sorted(levels)}, and there is {sorted(expected)}"
-    assert abs(cosine) < 2 * MAX_LEVEL * expected.get("error sine", 1.0), f"{name}: error turned by {cosine}"
-    for kind, level in expected.items():
-        std = dict(one["std"])[kind]  # type: ignore[call-overload]
+def check(name: str, expected: tuple[Known, ...], one: dict[str, Any]) -> float:
+    """What the docstring says; the largest error of a level."""
+    effects = [effect for effect in one["effects"] if effect[0] != "error cosine"]
+    cosine = next((effect[1] for effect in one["effects"] if effect[0] == "error cosine"), 0.0)
+    expected = tuple(sorted(expected, key=lambda each: (each.kind, each.level)))
+    kinds = [effect[0] for effect in effects]
+    assert kinds == [each.kind for each in expected], f"{name}: found {kinds}"
+    error = next((each.level for each in expected if each.kind == "error sine"), 1.0)
+    assert abs(cosine) < 2 * MAX_LEVEL * error, f"{name}: error turned by {cosine}"
+    worst = 0.0
+    for (kind, level, std, scale, scale_std), true in zip(effects, expected, strict=True):
         share = MAX_LEVEL if kind != "error sine" or len(expected) == 1 else MAX_ERROR_AMONG_OTHERS
-        within = max(share * level, 3 * std)
-        assert abs(levels[kind] - level) < within, f"{name}: {kind} {levels[kind]:.4g} +- {std:.2g} for {level:.4g}"
-    k, d = one["found"]  # type: ignore[misc]
+        off = abs(level - true.level)
+        assert off < max(share * true.level, 3 * std), f"{name}: {kind} {level:.4g} +- {std:.2g} for {true.level:.4g}"
+        worst = max(worst, off / true.level)
+        if true.scale:
+            within = max(MAX_SCALE * true.scale, 3 * scale_std)
+            assert abs(scale - true.scale) < within, f"{name}: {kind} to {scale:.4g} for {true.scale:.4g} rad"
+    k, d = one["found"]
     assert abs(k) < MAX_K, f"{name}: k {100 * k:.3f} %"
     assert abs(d) < MAX_D, f"{name}: d {100 * d:.2f} %"
+    return worst
+
+
+def deviations(expected: tuple[Known, ...], one: dict[str, Any]) -> list[float]:
+    """Errors of k, d and all levels over their standard deviations."""
+    z = [error / std for error, std in zip(one["found"], one["std"], strict=True)]
+    true = sorted(expected, key=lambda each: (each.kind, each.level))
+    found = [effect for effect in one["effects"] if effect[0] != "error cosine"]
+    return z + [(level - each.level) / std for (_, level, std, *_), each in zip(found, true, strict=True)]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one draw of two cases, to see that it runs")
+    parser.add_argument("--case", nargs="+", choices=CASES)
     parser.add_argument("--draws", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    names = ["hardening spring", "transmission error"] if given.quick else list(CASES)
+    names = QUICK if given.quick else tuple(CASES) if given.case is None else tuple(given.case)
     draws = 1 if given.quick else given.draws
     print(f"{'case':<26}{'linear fit: k, d %':>22}{'status':>12}{'with the effects %':>22}{'level %':>9}{'CPU s':>7}")
-    results: dict[str, list[dict[str, object]]] = {}
+    results: dict[str, list[dict[str, Any]]] = {}
+    covered: dict[str, float] = {}
     for name in names:
         gear, expected = CASES[name]
-        for seed in range(given.seed, given.seed + draws):
-            one = run(gear, seed)
+        z: list[float] = []
+        for measured in sets_of(gear, draws, given.seed):
+            one = run(gear, measured)
             results.setdefault(name, []).append(one)
-            levels: dict[str, float] = one["levels"]  # type: ignore[assignment]
-            worst = max((abs(levels.get(kind, 0.0) / f - 1) for kind, f in expected.items()), default=0.0)
-            (k_0, d_0), (k, d) = one["linear"], one["found"]  # type: ignore[misc]
+            (k_0, d_0), (k, d) = one["linear"], one["found"]
             print(
                 f"{name:<26}{f'{100 * k_0:.3f}, {100 * d_0:.1f}':>22}{one['status']:>12}"
-                f"{f'{100 * k:.3f}, {100 * d:.2f}':>22}{100 * worst:>9.2f}{one['cpu_s']:>7.1f}",
+                f"{f'{100 * k:.3f}, {100 * d:.2f}':>22}{100 * check(name, expected, one):>9.2f}{one['cpu_s']:>7.1f}",
                 flush=True,
             )
-            check(name, expected, one)
-    print(json.dumps({"gear_effects": results, "draws": draws}))
+            z += deviations(expected, one)
+        covered[name] = float(np.mean(np.abs(z) < QUANTILE_95))
+        print(f"{name}: {100 * covered[name]:.0f} % of {len(z)} intervals hold the truth", flush=True)
+    print(json.dumps({"gear_effects": results, "covered": covered, "draws": draws}))
 
 
 if __name__ == "__main__":

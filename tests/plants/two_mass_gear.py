@@ -1,7 +1,8 @@
 """A motor and a link behind a gear with every effect that a gear has, by equations and steps of its own.
 
 Link side: J_m q'' + f q' + F_m sgn q' + (1 + e') tau = u,  J_l l'' + F_l sgn l' = tau,
-tau = k x + k_3 x^3 + d x',  x = q + e(q) - l.  Runge-Kutta of fourth order, experiments side by side.
+tau = n(x) + d x',  n = k x + k_2s |x| x + k_3 x^3 in the ranges of a gear's sheet or behind a gap,
+x = q + e(q) - l.  Runge-Kutta of fourth order, experiments side by side.
 """
 
 from __future__ import annotations
@@ -21,7 +22,11 @@ POSTURE = Configuration("rest", (0.0,))
 
 @dataclass(frozen=True)
 class Gear:
-    """Numbers on the link side; error: of the transmission, rad, once in a turn of the motor."""
+    """Numbers on the link side; error: of the transmission, rad, once in a turn of the motor.
+
+    gap: half of it, rad, in which the spring has `loose` of its stiffness, as lost motion has.  ranges: torques, Nm,
+    from which on the stiffness is so many times k.
+    """
 
     J_m: float = 10.0
     J_l: float = 20.0
@@ -31,14 +36,29 @@ class Gear:
     F_m: float = 0.0
     F_l: float = 0.0
     k_3: float = 0.0
+    k_2s: float = 0.0
+    gap: float = 0.0
+    loose: float = 0.0
+    ranges: tuple[tuple[float, float], ...] = ()
     error: float = 0.0
+
+    def spring(self, x: FloatArray) -> FloatArray:
+        """n(x), Nm."""
+        tau = self.k * x + self.k_2s * np.abs(x) * x + self.k_3 * x**3
+        tau = tau - (1 - self.loose) * self.k * np.clip(x, -self.gap, self.gap)
+        at, factor, torque = 0.0, 1.0, 0.0
+        for next_torque, next_factor in self.ranges:
+            at, torque = at + (next_torque - torque) / (factor * self.k), next_torque
+            tau = tau + (next_factor - factor) * self.k * np.sign(x) * np.maximum(np.abs(x) - at, 0.0)
+            factor = next_factor
+        return np.asarray(tau)
 
     def slopes(self, x: FloatArray, u: FloatArray) -> FloatArray:
         """d (q, l, q', l') / dt, (4, M)."""
         q, link, v, w = x
         e, slope = self.error * np.sin(RATIO * q), self.error * RATIO * np.cos(RATIO * q)
         bent = q + e - link
-        tau = self.k * bent + self.k_3 * bent**3 + self.d * (v * (1 + slope) - w)
+        tau = self.spring(bent) + self.d * (v * (1 + slope) - w)
         # A sign that turns over 1e-3 rad/s, a hundredth of the speed, which a step can follow.
         friction, behind = self.F_m * np.tanh(v / 1e-3), self.F_l * np.tanh(w / 1e-3)
         return np.stack([v, w, (u - (1 + slope) * tau - friction - self.f * v) / self.J_m, (tau - behind) / self.J_l])

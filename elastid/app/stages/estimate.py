@@ -45,7 +45,9 @@ def estimate(
     friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(estimate_configuration, measure_file, spec=estimator, lines=lines, friction=friction, E=E)
+    estimate_one = partial(
+        estimate_configuration, measure_file, spec=estimator, lines=lines, friction=friction, robot=robot
+    )
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, read_configurations(measure_file))
     responses = [response for response, _ in estimates]
@@ -74,14 +76,14 @@ def estimate_configuration(
     spec: EstimatorSpec,
     lines: IntArray | None,
     friction: FrictionTakenOut | None = None,
-    E: FloatArray | None = None,
+    robot: Robot | None = None,
 ) -> tuple[FrequencyResponse, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  E: couplings of the motors' gears, or None.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.
     """
     records = tuple(read_records(path, configuration))
-    response = estimate_without_friction(records, friction, spec, lines, E)
+    response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)

@@ -33,6 +33,7 @@ from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
+from elastid.response import NOT_STRAIGHT
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,9 @@ def with_status(evidence: Evidence) -> FitResult:
     if unreached.any():
         return ended("ill_conditioned", f"the data do not determine a combination of {listed(free, unreached)}")
     result = replace(result, verdicts=_verdicts(evidence))
+    if bent := _bent_gears(evidence):
+        alone = "the numbers are those of this amplitude alone"
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{bent[0].text.partition('; ')[0]}; {alone}")
     if misfit := _by_blocks(evidence):
         cause = evidence.cause
         is_said = cause is not None and cause.share >= CAUSES.reason_share
@@ -105,6 +109,11 @@ def with_status(evidence: Evidence) -> FitResult:
     return ended("at_bound" if held else good, f"converged{held}{but}")
 
 
+def _bent_gears(evidence: Evidence) -> list[Note]:
+    """Notes on gears that are no straight springs."""
+    return [note for G in evidence.assembly.responses for note in G.notes if note.code == NOT_STRAIGHT]
+
+
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     """On each parameter that was asked for: good, depends on the file, at its bound, or not to be believed and why."""
     result, n = evidence.result, len(evidence.result.parameters.asked)
@@ -112,10 +121,13 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = evidence.uncertainty.shift[:n] if _blocks_disagree(evidence) else np.zeros(n)
     noise, file = result.std_by_noise, result.std_by_file
+    bent = {note.text.partition(":")[0].removeprefix("motor ") for note in _bent_gears(evidence)}
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
             verdicts.append("at its bound")
+        elif parameter.name in {f"{letter}_{joint}" for letter in "kd" for joint in bent}:
+            verdicts.append(f"{DOUBTED}: it is that of one amplitude, since the gear is not a straight spring")
         elif index is not None and by_index[i] > MISFIT.effect:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
         elif by_blocks[i] > MISFIT.shift:

@@ -9,7 +9,7 @@ three of their standard deviations are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -23,6 +23,7 @@ from elastid.nonlinear.gear.levels import (
     NormalEquations,
     find_levels,
     joints_of,
+    lack,
     normal_equations,
     priors,
     start_levels,
@@ -49,7 +50,10 @@ class Limits:
 LIMITS = Limits()
 ORDERS = (1.0, 2.0)
 _LOST = 10.0  # times smaller than the start
-_RIVALS: tuple[tuple[Kind, ...], ...] = (("cubic", "progressive"), ("friction",), ("behind",))
+_SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
+_RIVALS: tuple[tuple[Kind, ...], ...] = (_SPRINGS, ("friction",), ("behind",))
+_APART = 1.5  # between the ends of two ranges of one gear, at least
+_LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
 def candidate_groups(
@@ -63,6 +67,8 @@ def candidate_groups(
         groups += [(GearEffect("friction", joint, part * speed),) for part in (0.0, 0.02, 0.08)]
         groups += [(GearEffect("load", joint),), (GearEffect("behind", joint, 0.01 * speed),)]
         groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
+        groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
+        groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
         groups += [
             (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
         ]
@@ -110,13 +116,62 @@ def choose_effects(
         effects = (*found.effects, *added)
         found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
         found = _pruned(arguments, found)
+        for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in _SPRINGS):
+            found = _best_spring(arguments, found, joint)
     return found
+
+
+def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
+    """With another spring of a gear, if that explains more, or as much by fewer numbers; each along its own motion."""
+    data, _, linearisation, _ = arguments
+    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in _SPRINGS]
+    others = np.array([effect not in springs for effect in found.effects], bool)
+    kept = tuple(effect for effect in found.effects if effect not in springs)
+    deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
+
+    def cost(levels: Levels) -> float:
+        return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
+
+    best, least = found, cost(found)
+    for kind, part in zip(_SPRINGS, (0.0, 0.0, 1.0, 0.2), strict=True):
+        if any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
+            continue
+        effects = (*kept, GearEffect(kind, joint, part * deflection))
+        trial = find_levels(*arguments, found.x, effects, np.append(found.levels[others], 0.0))
+        trial = _pruned(arguments, trial)
+        if cost(trial) < least:
+            best, least = trial, cost(trial)
+    return _named(arguments, best, joint)
+
+
+def _named(arguments: _Arguments, found: Levels, joint: str) -> Levels:
+    """The only range as a gap where the stiffness beyond it is more than twice as large, and such a gap as a range.
+
+    Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
+    """
+    springs = [i for i, effect in enumerate(found.effects) if effect.joint == joint and effect.kind in _SPRINGS]
+    names = found.parameters.free_names
+    if len(springs) != 1 or found.effects[springs[0]].edge is None or f"k_{joint}" not in names:
+        return found
+    (i,), place = springs, names.index(f"k_{joint}")
+    effect, f, k = found.effects[i], float(found.levels[i]), found.parameters.as_dict(found.x)[f"k_{joint}"]
+    inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
+    kind: Kind = "gap" if outer > _LOOSE * inner else "range"
+    if kind == effect.kind or not inner > 0:
+        return found
+    x = found.x.copy()
+    x[place] = found.parameters.free[place].to_x(outer if kind == "gap" else inner)
+    effects = (*found.effects[:i], replace(effect, kind=kind), *found.effects[i + 1 :])
+    return find_levels(*arguments, x, effects, found.levels)
 
 
 def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
     """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other."""
     rivals = next((family for family in _RIVALS if effect.kind in family), ())
-    return effect in others or any(other.joint == effect.joint and other.kind in rivals for other in others)
+    near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
+    if effect.kind == "range" and all(other.kind == "range" for other in near):  # K1 K2 K3
+        return any(abs(np.log(other.scale / effect.scale)) < np.log(_APART) for other in near)
+    return effect in others or bool(near)
 
 
 def _pruned(arguments: _Arguments, found: Levels) -> Levels:

@@ -18,14 +18,15 @@ from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
 
 Kind: TypeAlias = Literal[
-    "friction", "load", "behind", "cubic", "progressive", "stop", "bristle",
+    "friction", "load", "behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle",
     "error sine", "error cosine", "ripple sine", "ripple cosine",
 ]  # fmt: skip
 Place: TypeAlias = Literal["motor", "gear", "link"]
 
 # Of the level of each kind where it is no torque; N and m where a joint slides.
 _UNITS: dict[Kind, str] = {
-    "load": "1", "cubic": "N*m/rad^3", "progressive": "N*m/rad^2", "error sine": "rad", "error cosine": "rad",
+    "load": "1", "cubic": "N*m/rad^3", "progressive": "N*m/rad^2", "range": "N*m/rad", "gap": "N*m/rad",
+    "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
 
@@ -34,9 +35,11 @@ class GearEffect:
     """One effect at a joint.
 
     friction, load: at the motor, one level and one for each Nm of the gear's torque; behind: at the link.  cubic,
-    progressive: k_3 delta^3 and k_2s |delta| delta.  stop, bristle: elements of the gear's hysteresis.
-    scale: rad/s over which friction turns, rad over which a hysteresis bends, order of an error or ripple in turns of
-    the motor; 0 of the others.
+    progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
+    gap: the stiffness within one, less than beyond it; lost motion.  edge: of steps at the ends of these, by which
+    their scale is found.  stop, bristle: elements of the gear's hysteresis.
+    scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
+    of an error or ripple in turns of the motor; 0 of the others.
     """
 
     kind: Kind
@@ -46,7 +49,12 @@ class GearEffect:
     @property
     def is_implicit(self) -> bool:
         """True if it depends on the motion behind the gear, which no sensor sees."""
-        return self.kind in ("behind", "cubic", "progressive", "stop", "bristle")
+        return self.kind in ("behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle")
+
+    @property
+    def edge(self) -> GearEffect | None:
+        """The change of a range or a gap with its scale: of level f ds, if the scale is wrong by ds; None of others."""
+        return GearEffect("edge", self.joint, self.scale) if self.kind in ("range", "gap") else None
 
     @property
     def unit(self) -> str:
@@ -60,8 +68,8 @@ class GearEffect:
 
     @property
     def brakes(self) -> bool:
-        """True if its level cannot be negative: it takes energy."""
-        return self.kind in ("friction", "load", "behind", "stop", "bristle")
+        """True if its level cannot be negative: it takes energy, or is missing within a gap."""
+        return self.kind in ("friction", "load", "behind", "stop", "bristle", "gap")
 
     @property
     def signal(self) -> Literal["deflection", "link velocity"]:
@@ -96,10 +104,22 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
         return x**3, 3 * x**2
     if effect.kind == "progressive":
         return np.abs(x) * x, 2 * np.abs(x)
+    if effect.kind in ("range", "gap", "edge"):
+        return _broken_line(effect.kind, x, effect.scale)
     # The state at the start is not known: the period is run over twice.
     twice = Path.of(np.concatenate([x, x])).without(len(x))
     phi = (stop if effect.kind == "stop" else bristle)(twice, effect.scale) / effect.scale
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / effect.scale
+
+
+def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
+    """Phi and dPhi / dx (n,) of what begins or ends at deflections of b."""
+    is_beyond = np.abs(x) > b
+    if kind == "range":
+        return np.sign(x) * np.maximum(np.abs(x) - b, 0.0), is_beyond.astype(float)
+    if kind == "gap":
+        return -np.clip(x, -b, b), np.where(is_beyond, 0.0, -1.0)
+    return -np.sign(x) * is_beyond, np.zeros_like(x)
 
 
 def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ small.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,8 @@ _STEP = 0.3  # of a logarithmic variable, at most
 class Levels:
     """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    move: of the last round, in standard deviations.
+    move: of the last round, in standard deviations.  scale_std (n_f,): of the effects' scales that are found with them,
+    0 of the others.
     """
 
     parameters: ParameterSet
@@ -46,6 +47,7 @@ class Levels:
     move: float
     estimates: tuple[Estimate, ...]
     drives: tuple[DriveLines, ...]
+    scale_std: FloatArray
 
     @property
     def std(self) -> FloatArray:
@@ -70,30 +72,57 @@ def find_levels(
 ) -> Levels:
     """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None."""
     joints, ratios = joints_of(linearisation)
-    levels = np.zeros(len(effects)) if levels is None else levels
+    effects, n_x, n_f = list(effects), len(x), len(effects)
+    levels = np.zeros(n_f) if levels is None else levels
+    scaled = [i for i, effect in enumerate(effects) if effect.edge is not None]
     estimates: list[Estimate | None] = [None] * len(data)
     move, covariance = np.inf, np.zeros((0, 0))
     for count in range(1, _ROUNDS + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
+        every = [*effects, *(edge for effect in effects if (edge := effect.edge) is not None)]
+        with_edges = np.concatenate([levels, np.zeros(len(scaled))])
         for _ in range(2 if count == 1 else 1):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, effects, levels, before)
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before)
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         known = [estimate for estimate in estimates if estimate is not None]
-        sums, (A, b) = (
-            normal_equations(data, drives, known, len(x), levels),
-            priors(parameters, x, len(x) + len(levels)),
-        )
+        sums, (A, b) = normal_equations(data, drives, known, n_x, with_edges), priors(parameters, x, n_x + len(every))
         covariance = inverse(sums.A.sum(axis=0) + A)
         step = covariance @ (sums.b.sum(axis=0) + b)
         std = np.sqrt(np.diag(covariance))
         move = float(np.max(np.abs(step) / np.where(std > 0, std, np.inf)))
-        shorter = min(1.0, _STEP / max(float(np.abs(step[: len(x)]).max(initial=0.0)), 1e-300))
-        x, levels = x + shorter * step[: len(x)], levels + shorter * step[len(x) :]
+        shorter = min(1.0, _STEP / max(float(np.abs(step[:n_x]).max(initial=0.0)), 1e-300))
+        for i, of_edge in zip(scaled, shorter * step[n_x + n_f :], strict=True):
+            effects[i] = _moved(effects[i], levels[i], of_edge)
+        x, levels = x + shorter * step[:n_x], levels + shorter * step[n_x : n_x + n_f]
         if move < _MOVE:
             break
-    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, tuple(known), tuple(drives))
+    scale_std = np.zeros(n_f)
+    scale_std[scaled] = np.sqrt(np.diag(covariance)[n_x + n_f :]) / np.maximum(np.abs(levels[scaled]), 1e-300)
+    covariance, own = covariance[: n_x + n_f, : n_x + n_f], tuple(replace(e, Phi=e.Phi[..., :n_f]) for e in known)
+    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, own, tuple(drives), scale_std)
+
+
+def lack(data: Sequence[PeriodLines], found: Levels) -> float:
+    """Sum of ln det S of the residuals, by which alternatives are compared: -2 ln of their likelihood."""
+    total = 0.0
+    for lines, drive, estimate in zip(data, found.drives, found.estimates, strict=True):
+        S = smoothed_covariance(residuals(lines, drive, estimate.Phi, found.levels))[_used(lines)]
+        total += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
+    return total
+
+
+def _used(lines: PeriodLines) -> slice:
+    """Lines that levels are found from: the excited ones, those between them, and some on either side."""
+    on = np.flatnonzero(lines.excited)
+    return slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
+
+
+def _moved(effect: GearEffect, level: float, of_edge: float) -> GearEffect:
+    """Its end where the edge's level has it, by a part of itself at most; where it is without a level so far."""
+    step = of_edge / level if level else 0.0
+    return replace(effect, scale=effect.scale * (1 + float(np.clip(step / effect.scale, -_STEP, _STEP))))
 
 
 def start_levels(
@@ -112,7 +141,7 @@ def start_levels(
     )
     sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, 0, np.inf, estimates, drives)
+    return Levels(parameters, (), x, none, covariance, 0, np.inf, estimates, drives, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +169,7 @@ def normal_equations(
     A, b, c = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R)
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate.Phi, levels)
-        on = np.flatnonzero(lines.excited)
-        used = slice(int(on[0]) // 2, min(len(r), int(1.2 * on[-1]) + 1))
+        used = _used(lines)
         white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r)[used] / 2))
         J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate.Phi, levels, n_x)[used])
         e = white @ r[used]

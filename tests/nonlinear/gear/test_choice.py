@@ -45,3 +45,27 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
     assert numbers["k_1"] == pytest.approx(gear.k, rel=1e-3)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-2)
     assert np.isfinite(levels.covariance).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("gear", "expected"),
+    [
+        (Gear(k_2s=2e7), [("progressive", 2e7, 0.0)]),
+        (Gear(gap=1e-4, loose=0.3, F_m=20.0), [("friction", 20.0, 0.0), ("gap", 1.4e5, 1e-4)]),
+        (Gear(ranges=((100.0, 1.4), (300.0, 1.7))), [("range", 6e4, 1e-3 * 17 / 14), ("range", 8e4, 5e-4)]),
+    ],
+)
+def test_springs_have_their_law_and_its_ends(gear: Gear, expected: list[tuple[str, float, float]]) -> None:
+    """A progressive one, lost motion beside friction, K1 K2 K3: ends within 2 % or 3 std, k at once within 0.05 %."""
+    levels, numbers = found(gear)
+    every = sorted(
+        zip(levels.effects, levels.levels.tolist(), levels.std, levels.scale_std, strict=True),
+        key=lambda each: (each[0].kind, each[1]),
+    )
+    assert [effect.kind for effect, *_ in every] == [kind for kind, *_ in expected]
+    for (effect, f, std, scale_std), (kind, level, scale) in zip(every, expected, strict=True):
+        assert abs(f - level) < max(0.02 * level, 3 * std), kind
+        if scale:
+            assert abs(effect.scale - scale) < max(0.02 * scale, 3 * scale_std), kind
+    assert numbers["k_1"] == pytest.approx(gear.k, rel=5e-4)

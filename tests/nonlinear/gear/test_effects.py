@@ -12,7 +12,7 @@ MOTION = GearMotion(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["behind", "cubic", "progressive"])
+@pytest.mark.parametrize("kind", ["behind", "cubic", "progressive", "range", "gap"])
 def test_slopes_are_those_of_the_law(kind: str) -> None:
     effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7  # type: ignore[arg-type]
     difference = (implicit_law(effect, x + h)[0] - implicit_law(effect, x - h)[0]) / (2 * h)
