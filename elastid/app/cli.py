@@ -284,6 +284,42 @@ def map_command(
 
 @cli.command()
 @_study
+@click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
+    help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
+@click.option("--time", "duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Duration in s.")
+@click.option("--fastest", is_flag=True, help="The shortest time within --error.")
+@click.option("--error", "error_mm", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
+    metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
+@click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
+    help="Of the references (default: that of the study, else 500).")  # fmt: skip
+@click.option("--bandwidth", "bandwidth_hz", type=click.FloatRange(min=0, min_open=True), default=4.0,
+    show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
+    help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
+@_stage_options
+def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, draws: int, **options: Any) -> None:  # fmt: skip
+    """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
+
+    Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
+    friction, within the limits of the robot's joints, on robots drawn from the fit, too. A path is a CSV file with a
+    column for each driven joint (rad, or `1 deg`) or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
+    s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
+    takes; with t these stretch it.
+    """
+    if duration is not None and fastest:
+        raise click.UsageError("--time and --fastest exclude one another; give one of them")
+    asked = _run(study, options)
+    from elastid.app import tune as tuning
+
+    tuning.tune_study(
+        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
+    )
+
+
+@cli.command()
+@_study
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
 @_stage_options

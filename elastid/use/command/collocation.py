@@ -36,9 +36,11 @@ class Settings:
 
     tool_m: float = 5e-5
     rate_s: float = 0.02
+    ripple: float = 1e-5
     knots_per_s: float = 100.0
     tolerance: float = 1e-6
     iterations: int = 150
+    is_exact: bool = False
 
 
 SETTINGS = Settings()
@@ -57,6 +59,11 @@ class Planned:
     def is_feasible(self) -> bool:
         """True if all equations and limits hold."""
         return self.violation < 1e-4
+
+    @property
+    def has_converged(self) -> bool:
+        """True at an optimum."""
+        return self.is_feasible and self.status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 
 def plan(
@@ -187,14 +194,16 @@ class _Problem:
         tool = ca.vec(error) / s.tool_m * np.sqrt(self.mesh.step)
         held = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.mesh.step))
-        f = ca.sumsqr(tool) + ca.sumsqr(rate)
+        ripple = self._ripple
+        whole = ca.horzcat(
+            *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
+        )
+        f = ca.sumsqr(tool) + ca.sumsqr(rate) + ca.sumsqr(whole @ ripple.T)
         self.nlp = {"x": x, "f": f, "g": g}
         # Jacobians of mapped functions are blocks: CasADi would find them by as many sweeps as a block has columns.
         lifts = [ca.kron(inside, ca.DM.eye(n_q)) for inside in inner]
         blocks = ca.horzsplit(slopes, 3 * n_q + n_c)
-        parts = [
-            _block_diagonal([block[:, i * n_q : (i + 1) * n_q] for block in blocks]) @ lifts[i] for i in range(3)
-        ]
+        parts = [_block_diagonal([block[:, i * n_q : (i + 1) * n_q] for block in blocks]) @ lifts[i] for i in range(3)]
         by_u = ca.kron(ca.DM.eye(n), -B / self.force_0)
         by_lambda = _block_diagonal([block[:, 3 * n_q :] for block in blocks]) if n_c else ca.MX(n_q * n, 0)
         rows = [ca.horzcat(sum(parts) / self.force_0, by_u, by_lambda)]
@@ -206,11 +215,27 @@ class _Problem:
         E = _block_diagonal(ca.horzsplit(J, n_q)) @ lifts[0] * (np.sqrt(self.mesh.step) / s.tool_m)
         D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(n_u))
         D *= s.rate_s / np.sqrt(self.mesh.step)
-        H = 2 * ca.diagcat(E.T @ E + 1e-6 * ca.DM.eye(sizes[0]), D.T @ D, 1e-8 * ca.DM.eye(sizes[2]))
+        R = ca.kron(ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(n_q))
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
+        if s.is_exact:
+            mu = ca.vertcat(ca.reshape(lam_g[: n_q * n], n_q, n) / self.force_0,
+                            ca.reshape(lam_g[n_q * n : (n_q + n_c) * n], n_c, n))  # fmt: skip
+            weight = ca.repmat(lam_f * self.mesh.step / s.tool_m**2, 1, n)
+            curved = self.commanded.curvature.map(n)(Q, V, A, L * self.force_0, mu, self._p, self._R, weight)
+            m = 3 * n_q + n_c
+            blocks = ca.horzsplit(curved, m)
+            H_C = 0
+            for i in range(3):
+                for j in range(3):
+                    part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]
+                    H_C += lifts[i].T @ _block_diagonal(part) @ lifts[j]
+            H_C += 2 * lam_f * R.T @ R
+            H = ca.diagcat(H_C, 2 * lam_f * D.T @ D, ca.MX(sizes[2], sizes[2]))
+        else:
+            H = 2 * lam_f * ca.diagcat(E.T @ E + R.T @ R, D.T @ D, 1e-8 * ca.DM.eye(sizes[2]))
         given = [x, ca.MX(0, 1), lam_f, lam_g]
         self.hessian = ca.Function(
-            "nlp_hess_l", given, [ca.triu(lam_f * H)], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+            "nlp_hess_l", given, [ca.triu(H)], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         )
         equal = np.zeros((n_q + n_c) * n)
         self.low = np.concatenate([equal, *(-bound for _, _, bound in bounded)])
@@ -219,6 +244,12 @@ class _Problem:
         torque = np.tile(self.limits.torque / self.u_0, n)
         self.upper = np.concatenate([widest, torque, np.full(sizes[2], np.inf)])
         self.lower = -self.upper
+
+    @property
+    def _ripple(self) -> ca.DM:
+        """Sixth differences of coefficients, weighted: small of any smooth motion, large of one from knot to knot."""
+        differences = np.diff(np.eye(self.mesh.count), 6, axis=0)
+        return ca.sparsify(ca.DM(differences * (np.sqrt(self.mesh.step) / self.settings.ripple)))
 
     @property
     def _p(self) -> ca.DM:
@@ -246,7 +277,7 @@ class _Problem:
     def spline(self, x: FloatArray) -> BSpline:
         """q(t) of the variables."""
         c = np.empty((self.mesh.count, self.n_q))
-        c[: _HELD], c[-_HELD:] = self.ends
+        c[:_HELD], c[-_HELD:] = self.ends
         c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
         return BSpline(self.mesh.knots, c, DEGREE)
 

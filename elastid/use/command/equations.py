@@ -52,6 +52,7 @@ class CommandedRobot:
     model: ElasticModel
     frame: str
     rows: tuple[int, ...]
+    spec: ModelSpec = EXACT
 
     @classmethod
     def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> CommandedRobot:
@@ -59,12 +60,12 @@ class CommandedRobot:
         model = formulate(robot, spec)
         if model.n_c:
             minimal = formulate(robot, ModelSpec("minimal"))
-            model = minimal if not minimal.n_c else model
+            model, spec = (minimal, ModelSpec("minimal")) if not minimal.n_c else (model, spec)
         rows: tuple[int, ...] = ()
         if model.n_c:
             point = equilibrium(model, model.theta, Configuration("move", posture))
             rows = tuple(partition(model, model.constraint_jacobian(point.q, model.theta).full()).rows.tolist())
-        return cls(robot, model, frame, rows)
+        return cls(robot, model, frame, rows, spec)
 
     @property
     def is_posed(self) -> bool:
@@ -86,14 +87,32 @@ class CommandedRobot:
         results = [ca.densify(part) for part in (force, slopes, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
-    def _friction(self, v: ca.SX) -> ca.SX:
-        """P tau_f (n_q,) of steady sliding."""
-        placed = contacts(self.model, frictions(self.robot))
+    @cached_property
+    def curvature(self) -> ca.Function:
+        """(q, v, a, lambda, mu, p, R, w) -> Hessian of mu . (r, phi) + w |e|^2 to (q, v, a, lambda)."""
+        n, n_c = self.model.n_q, len(self.rows)
+        sizes = {"q": n, "v": n, "a": n, "lambda": n_c, "mu": n + n_c, "p": 3, "R": 9, "w": 1}
+        given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+        q, v, a, lambda_, mu, p, R, w = given.values()
+        force, _, phi, _ = self.balance(q, v, a, lambda_)
+        total = ca.dot(mu, ca.vertcat(force, phi)) + w * ca.sumsqr(self.tool(q, p, R)[0])
+        H = ca.hessian(total, ca.vertcat(q, v, a, lambda_))[0]
+        return ca.Function("curvature", [*given.values()], [ca.densify(H)], {"cse": True})
+
+    def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
+        """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
+        laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
         total = ca.SX(self.model.n_q, 1)
-        for law, column in zip(placed.laws, placed.P.T, strict=True):
+        for law, column in zip(laws, contacts(self.model, laws).P.T, strict=True):
             slip, curve = ca.dot(ca.DM(column), v), law.symbols(law.curve().tolist())
             total += ca.DM(column) * (curve.level(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
         return total
+
+    def planned_friction(self, v: FloatArray) -> FloatArray:
+        """Friction (N, n_u) of the motors at v (N, n_q) as it is planned with, turning around gradually."""
+        symbols = ca.SX.sym("v", self.model.n_q)
+        force = ca.Function("friction", [symbols], [ca.densify(self._friction(symbols, of_motors=True))])
+        return np.asarray((np.linalg.pinv(self.model.B) @ force.map(len(v))(v.T).full()).T)
 
     @cached_property
     def tool(self) -> ca.Function:

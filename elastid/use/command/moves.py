@@ -57,6 +57,8 @@ class Move:
 def read_move(path: Path, robot: Robot, frame: str, duration: float | None = None) -> Move:
     """A CSV file of joint angles or poses (`read_path`), with a column `t` in s or, without times, in `duration` s.
 
+    duration: 0 for one that is still to be found, None for that of the file.
+
     DataError for cells that are no numbers, times that do not rise, poses out of reach and angles beyond the limits.
     """
     table = read_table(path)
@@ -75,7 +77,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
     else:
         spline = _through_poses(table, robot, frame, times)
     own = float(times[-1] - times[0]) if times is not None else 0.0
-    return Move(spline, duration or own, times is not None)
+    return Move(spline, own if duration is None else duration, times is not None)
 
 
 def _times(table: Table) -> FloatArray | None:
@@ -86,8 +88,8 @@ def _times(table: Table) -> FloatArray | None:
     if falling := np.flatnonzero(np.diff(times) <= 0).tolist():
         row = falling[0] + 1
         raise DataError(
-            f"{table.path}:{table.lines[row]}: column {table.heads[column]} is {times[row]:g} s after {times[row - 1]:g} "
-            "s; times must rise from row to row"
+            f"{table.path}:{table.lines[row]}: column {table.heads[column]} is {times[row]:g} s after "
+            f"{times[row - 1]:g} s; times must rise from row to row"
         )
     return times
 
