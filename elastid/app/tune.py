@@ -9,9 +9,12 @@ from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import number
+from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
+from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.robot.robot import Robot
+from elastid.report.page.page_of_move import write_page_of_move
+from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows
 from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, write_tune
@@ -19,7 +22,7 @@ from elastid.use.command.moves import read_move
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
 
-RESULTS = ("tune.h5", "tune.csv")
+RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
 RATE_HZ = 500.0  # of a study whose controller's rate is not known
 
 
@@ -83,7 +86,11 @@ def _given(run: Run, asked: Command) -> Given:
 def _write(run: Run, tuned: TunedMove) -> None:
     write_tune(run.folder / "tune.h5", tuned, run.stamps["fit"])
     write_table(run.folder / "tune.csv", tuned)
+    write_page_of_move(tuned, run.folder, run.stamps["fit"].shown)
     keep_checksums(run.folder, RESULTS)
+    files = write_move(clear_folder(run.folder, "tune"), tuned)
+    for path in (*(run.folder / name for name in RESULTS), *files):
+        run.console.say(f"tune: {path}")
 
 
 def write_table(path: Path, tuned: TunedMove) -> None:
@@ -112,7 +119,7 @@ def sentences(tuned: TunedMove) -> tuple[str, ...]:
         f"{tuned.frame} is {number(first.largest / max(last.largest, 1e-12), 3)} times smaller than with {first.name}, "
         f"its vibration after the move {number(first.residual / max(last.residual, 1e-12), 3)} times"
     ]
-    if tuned.draws:
+    if tuned.draws and last.high is not None:
         used, error = (tuned.most / tuned.limits[3]).max(), number(1e3 * float(last.high.max()), 3)
         lines.append(
             f"on {tuned.draws} robots drawn from the fit the largest error is at most {error} mm (95 %), and torques "

@@ -263,7 +263,7 @@ class _Problem:
         """Motions of the motors with a finite limit: expression about its middle, slope to the coefficients, reach."""
         limits, found = self.limits, []
         rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
-        middle, reach = limits.angle.mean(axis=1), np.ptp(limits.angle, axis=1) / 2
+        middle, reach = limits.range
         each = ((Q, 0, middle, reach), (V, 1, 0 * middle, limits.velocity), (A, 2, 0 * middle, limits.acceleration),
                 (jerk, 3, 0 * middle, limits.jerk))  # fmt: skip
         for motion, order, middles, bounds in each:

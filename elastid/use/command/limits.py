@@ -30,6 +30,13 @@ class MotionLimits:
         angle = np.array([each.angle for each in limits], float)
         return cls(angle, *(np.array([getattr(each, kind) for each in limits], float) for kind in KINDS))
 
+    @property
+    def range(self) -> tuple[FloatArray, FloatArray]:
+        """Middle and half width (n_u,) of the angles; 0 and infinite where one end is free."""
+        finite = np.isfinite(self.angle).all(axis=1)
+        low, high = np.where(finite[:, None], self.angle, 0.0).T
+        return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
+
     def narrowed(self, parts: dict[str, FloatArray]) -> MotionLimits:
         """With a part (n_u,) of each kind that is named."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
@@ -57,10 +64,8 @@ class References:
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
         """Part (N, n_u) of each limit that is used, 0 where there is none."""
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
-        middle, reach = limits.angle.mean(axis=1), np.ptp(limits.angle, axis=1) / 2
-        finite = np.isfinite(reach)
-        away = np.abs(self.position - np.where(finite, middle, 0.0)) / np.where(finite, reach, np.inf)
-        return {"angle": away, **used}
+        middle, reach = limits.range
+        return {"angle": np.abs(self.position - middle) / reach, **used}
 
 
 @dataclass(frozen=True)

@@ -104,8 +104,11 @@ def shortest(
 
     def can(duration: float) -> bool:
         own = move.in_time(duration)
-        planned = best_plan(commanded, own, limits, margin_s)
-        return planned.is_feasible and bool(planned_error(commanded, own, planned).max() <= error_m)
+        for settings in (replace(SETTINGS, iterations=30), replace(SETTINGS, iterations=60, is_exact=True)):
+            planned = plan(commanded, own, limits, margin_s, settings)
+            if planned.is_feasible and planned_error(commanded, own, planned).max() <= error_m:
+                return True
+        return False
 
     duration, works = move.duration, can(move.duration)
     step = 1 / STEP if works else STEP

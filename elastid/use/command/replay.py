@@ -36,13 +36,13 @@ class Outcome:
     """Error of the tool along a move, m: over time (N,), and in figures.
 
     largest, rms: within the move.  static: distance from the path's end after it.  residual: largest distance from
-    there after the move.  torque (n_u,): largest of the drives, link side.  low, high (N,): 95 % of draws, or nothing.
+    there after the move.  torque (n_u,): largest of the drives, link side.  low, high (N,): 95 % of draws, or None.
     """
 
     name: str
     error: FloatArray = labelled("distance of the tool from its path", "m", "time_s")
-    low: FloatArray = labelled("lower end of 95 % of draws", "m", "time_s")
-    high: FloatArray = labelled("upper end of 95 % of draws", "m", "time_s")
+    low: FloatArray | None = labelled("lower end of 95 % of draws", "m", "time_s")
+    high: FloatArray | None = labelled("upper end of 95 % of draws", "m", "time_s")
     largest: float = labelled("largest error in the move", "m")
     rms: float = labelled("rms error in the move", "m")
     static: float = labelled("error at rest after the move", "m")
@@ -124,7 +124,7 @@ class TwinLoop:
         residual = np.linalg.norm(at[after] - static, axis=1).max(initial=0.0)
         within = error[~after]
         figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))
-        return Outcome(name, error, np.zeros(0), np.zeros(0), *figures, float(residual), np.abs(torque).max(axis=0))
+        return Outcome(name, error, None, None, *figures, float(residual), np.abs(torque).max(axis=0))
 
 
 def with_band(outcome: Outcome, errors: FloatArray) -> Outcome:

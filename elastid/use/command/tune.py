@@ -52,7 +52,7 @@ class TunedMove:
     bandwidth_hz: float
     duration: float = labelled("duration of the move", "s")
     margin_s: float = labelled("time before and after the move", "s")
-    time_s: FloatArray = labelled("time from the start of the move", "s", "time_s")
+    time_s: FloatArray = labelled("time from the start of the move", "s")
     position: FloatArray = labelled("reference of each motor", "rad", "time_s joints")
     velocity: FloatArray = labelled("its velocity", "rad/s", "time_s joints")
     acceleration: FloatArray = labelled("its acceleration", "rad/s^2", "time_s joints")
@@ -166,7 +166,9 @@ def _within_limits(
         used["torque"] = np.maximum(used["torque"], most / limits.torque)
         if all(np.all(part <= 1.0) for part in used.values()):
             return _Drawn(planned, references, target, np.array(errors), most)
-        narrowed = narrowed.narrowed({kind: np.where(part > 1, _SPARE / part, 1.0) for kind, part in used.items()})
+        narrowed = narrowed.narrowed(
+            {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+        )
     kind = max(used, key=lambda each: float(used[each].max()))
     joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
     raise DataError(
