@@ -1,4 +1,4 @@
-"""fit.h5, validation.h5, compare.json, map.h5, tune.h5: a fit, its validation, ranked models, a map, a move."""
+"""fit.h5, validation.h5, compare.json, map.h5, tune.h5, shapers.h5: results of a study."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
+from elastid.use.command.shapers import RegionModes, Shaper
 from elastid.use.command.tune import TunedMove
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
-FIT, VALIDATION, MAP, TUNE = "fit", "validation", "map", "tune"
+FIT, VALIDATION, MAP, TUNE, SHAPERS = "fit", "validation", "map", "tune", "shapers"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -82,6 +83,12 @@ def write_tune(path: Path | str, tuned: TunedMove, stamp: Stamp = NO_STAMP) -> N
 def read_tune(path: Path | str) -> TunedMove:
     """The move in tune.h5."""
     return read_part(path, TUNE, "tune", TunedMove)
+
+
+def write_shapers(path: Path | str, modes: RegionModes, shapers: tuple[Shaper, ...], stamp: Stamp = NO_STAMP) -> None:
+    """shapers.h5: modes of a region, and shapers for them in their rank."""
+    parts = {"modes": (modes, RegionModes)} | {shaper.name: (shaper, Shaper) for shaper in shapers}
+    write_artefact(path, SHAPERS, stamp, parts)
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:

@@ -19,8 +19,8 @@ def move_figure(tuned: TunedMove) -> Figure:
     for own, color in zip(tuned.outcomes, COLORS, strict=True):
         error.plot(tuned.time_s, np.maximum(1e3 * own.error, floor), color=color, lw=1.2, label=style.plain(own.name))
         if own.low is not None and own.high is not None:
-            band = [np.maximum(1e3 * end, floor) for end in (own.low, own.high)]
-            error.fill_between(tuned.time_s, *band, color=color, alpha=0.3, lw=0, label="95 % of draws")
+            low, high = (np.maximum(1e3 * end, floor) for end in (own.low, own.high))
+            error.fill_between(tuned.time_s, low, high, color=color, alpha=0.3, lw=0, label="95 % of draws")
     error.set_yscale("log")
     style.label(error, y=f"error of {tuned.frame} in mm")
     limits = tuned.limits[3]

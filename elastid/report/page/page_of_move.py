@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from elastid.base.display import number
 from elastid.base.files import write_whole
@@ -68,3 +69,10 @@ def write_page_of_move(move: TunedMove, folder: Path, provenance: Mapping[str, s
     write_whole(folder / "tune.png", picture)
     write_whole(folder / "tune.html", page.encode("utf-8"))
     return folder / "tune.html"
+
+
+@own_style()
+def write_figure(path: Path, figure: Figure) -> Path:
+    """A figure as PNG."""
+    write_whole(path, rendered(figure, "png"))
+    return path

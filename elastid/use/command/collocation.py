@@ -75,7 +75,7 @@ def plan(
     """
     mesh = Mesh.of(move.duration, margin_s, settings.knots_per_s)
     problem = _Problem(commanded, move, limits, mesh, settings)
-    options = {
+    options: dict[str, Any] = {
         "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
         "jac_g": problem.jacobian, "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
         "ipopt.tol": settings.tolerance, "ipopt.max_iter": settings.iterations, "ipopt.mu_strategy": "adaptive",
@@ -224,7 +224,7 @@ class _Problem:
             curved = self.commanded.curvature.map(n)(Q, V, A, L * self.force_0, mu, self._p, self._R, weight)
             m = 3 * n_q + n_c
             blocks = ca.horzsplit(curved, m)
-            H_C = 0
+            H_C = ca.MX(sizes[0], sizes[0])
             for i in range(3):
                 for j in range(3):
                     part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]

@@ -153,7 +153,7 @@ class CommandedRobot:
     def statics(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How forces (n_q,) deflect the springs with the motors held (n_q, n_q), and how motors (n_u,) move all."""
         m, n_r = self.model, len(self.rows)
-        free, motors = free_coordinates(m), [m.index(name) for name in m.inputs]
+        free, motors = free_coordinates(m), np.array([m.index(name) for name in m.inputs])
         K = m.stiffness(q, np.zeros(m.n_c), m.theta).full()
         Phi = m.constraint_jacobian(q, m.theta).full()[list(self.rows)]
         saddle = np.block([[K[np.ix_(free, free)], Phi[:, free].T], [Phi[:, free], np.zeros((n_r, n_r))]])

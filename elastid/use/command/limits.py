@@ -33,7 +33,7 @@ class MotionLimits:
     @property
     def range(self) -> tuple[FloatArray, FloatArray]:
         """Middle and half width (n_u,) of the angles; 0 and infinite where one end is free."""
-        finite = np.isfinite(self.angle).all(axis=1)
+        finite = np.asarray(np.isfinite(self.angle).all(axis=1))
         low, high = np.where(finite[:, None], self.angle, 0.0).T
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 

@@ -78,4 +78,5 @@ def rigid_references(robot: Robot, commanded: CommandedRobot, move: Move, time_s
     path = [move.at(middle, order) for order in range(3)]
     torque = feed_forward(model, q0, path[0] - move.ends[0], path[1], path[2])
     torque += friction_along(robot, model, path[1], rate_hz)
-    return References(time_s, *(move.at(time_s, order) for order in range(4)), torque)
+    q, v, a, jerk = (move.at(time_s, order) for order in range(4))
+    return References(time_s, q, v, a, jerk, torque)

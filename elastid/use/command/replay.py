@@ -28,6 +28,7 @@ from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
 from elastid.use.command.limits import References
 
 SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
+DAMPING_RATIO = 0.7  # of the loops of the drives
 _STATIC_S = 0.1  # at the end of it, whose mean is the static error
 
 

@@ -26,10 +26,9 @@ from elastid.use.command.plans import (
     shortest,
 )
 from elastid.use.command.references import rigid_references, sampled
-from elastid.use.command.replay import SETTLING_S, Outcome, TwinLoop, with_band
+from elastid.use.command.replay import DAMPING_RATIO, SETTLING_S, Outcome, TwinLoop, with_band
 
 RIGID, CATALOGUE, IDENTIFIED = "rigid feedforward", "elastic, catalogue", "elastic, identified"
-DAMPING_RATIO = 0.7
 PASSES = 5  # of plans whose bounds come nearer until their samples, and draws, keep the limits
 _SPARE = 0.998  # of a bound that was narrowed
 
