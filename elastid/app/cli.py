@@ -83,7 +83,21 @@ def _options(*names: str) -> Decorator:
 
 _PDF = "report.formats=[png, pdf]"
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"]
+_TARGETS = [
+    "robot",
+    "control",
+    "matlab",
+    "mujoco",
+    "fmu",
+    "urdf",
+    "casadi",
+    "c",
+    "csv",
+    "uff",
+    "draws",
+    "observer",
+    "compensation",
+]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
@@ -284,6 +298,68 @@ def map_command(
 
 @cli.command()
 @_study
+@click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
+    help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
+@click.option("--time", "duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Duration in s.")
+@click.option("--fastest", is_flag=True, help="The shortest time within --error.")
+@click.option("--error", "error_mm", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
+    metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
+@click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
+    help="Of the references (default: that of the study, else 500).")  # fmt: skip
+@click.option("--bandwidth", "bandwidth_hz", type=click.FloatRange(min=0, min_open=True), default=4.0,
+    show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
+    help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
+@_stage_options
+def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, draws: int, **options: Any) -> None:  # fmt: skip
+    """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
+
+    Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
+    friction, within the limits of the robot's joints, on robots drawn from the fit, too. A path is a CSV file with a
+    column for each driven joint (rad, or `1 deg`) or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
+    s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
+    takes; with t these stretch it.
+    """
+    if duration is not None and fastest:
+        raise click.UsageError("--time and --fastest exclude one another; give one of them")
+    asked = _run(study, options)
+    from elastid.app import tune as tuning
+
+    tuning.tune_study(
+        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
+    )
+
+
+@cli.command()
+@_study
+@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
+@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (20 if nothing is given).")
+@click.option("--payload", "payloads", type=click.FloatRange(min=0), multiple=True, metavar="KG",
+    help="At the frame, again for more; 0 for none, too.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
+@click.option("--bandwidth", "bandwidth_hz", type=click.FloatRange(min=0, min_open=True), default=4.0,
+    show_default=True, metavar="HZ", help="Of the drives' position loops, which move the modes.")  # fmt: skip
+@click.option("--held", is_flag=True, help="Modes of a robot whose motors are held, as by very stiff drives.")
+@_stage_options
+def shape(study: Path, path: Path | None, random: int | None, payloads: tuple[float, ...], frame: str | None,
+    bandwidth_hz: float, held: bool, **options: Any) -> None:  # fmt: skip
+    """Rank input shapers for the modes of a region: shapers.csv, shapers.h5, shapers.png.
+
+    ZV, ZVD, EI and the shortest robust one, with their residual vibration over the modes of all postures and payloads
+    and the intervals of their frequencies, delay, and the error of the frequencies that they bear.
+    """
+    asked = _run(study, options)
+    from elastid.app import tune as tuning
+
+    if path is not None and random is not None:
+        raise click.UsageError("--path and --random exclude one another; give one of them")
+    tuning.shape_study(asked, tuning.Region(path, random, payloads, frame, None if held else bandwidth_hz))
+
+
+@cli.command()
+@_study
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
 @_stage_options
@@ -291,9 +367,10 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
     The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; draws are
-    --count such robots from what the fit knows, as robot files, MJCF and a table; observer is the filter of a friction
-    study in C; all others take the fitted model of a study of elasticity. A study without a robot exports its measured
-    responses to control, matlab, csv or uff; uff takes the responses of any study.
+    --count such robots from what the fit knows, as robot files, MJCF and a table; compensation is the friction of the
+    motors over velocity in C; observer is the filter of a friction study in C; all others take the fitted model of a
+    study of elasticity. A study without a robot exports its measured responses to control, matlab, csv or uff; uff
+    takes the responses of any study.
     """
     asked = _run(study, options)
     from elastid.app.export import export as export_model

@@ -7,13 +7,14 @@ from functools import partial
 from pathlib import Path
 
 from elastid.app.gear_robot import with_effects, with_linear_springs, with_terms_of
-from elastid.app.identified_robot import robot_of_fit, robot_of_friction
+from elastid.app.identified_robot import robot_of_fit, robot_of_friction, with_findings, with_identified_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.export.code import write_c, write_casadi
+from elastid.export.compensation import write_compensation
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_friction_csv, write_responses_csv
 from elastid.export.draws import write_draws
@@ -54,7 +55,7 @@ _LEFT_OUT = {
     "urdf": "Coulomb friction is in it; the other effects are left out, which robot and fmu have",
 }  # fmt: skip
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
-ROBOT, DRAWS, OBSERVER = "robot", "draws", "observer"
+ROBOT, DRAWS, OBSERVER, COMPENSATION = "robot", "draws", "observer", "compensation"
 
 
 def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
@@ -70,7 +71,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
         raise StudyError(f"study {run.study.name} identifies no friction, and an observer follows friction")
     if target == DRAWS and run.study.robot is not None:
         return _export_draws(run, count)
-    if run.study.robot is None or target not in (*TARGETS, ROBOT):
+    if run.study.robot is None or target not in (*TARGETS, ROBOT, COMPENSATION):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
     responses, gears = read_responses(run.path("estimate")), gears_of(run)
@@ -84,7 +85,8 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     if any(models):
         groups = (f"{label} ({', '.join(G.configuration.name for G in m.measured)})" for label, m in models.items())
         run.console.say(f"export: a model for each of {', '.join(groups)}, which have parameters of their own")
-    write = TARGETS.get(target, partial(_write_robot, run, gears))
+    own = {ROBOT: partial(_write_robot, run, gears), COMPENSATION: partial(_write_compensation, run, gears)}
+    write = (own | TARGETS)[target]
     if target == "mujoco" and found is not None:
         write = partial(write_mujoco, found=found)
     if gears is not None and gears.effects and target in _LEFT_OUT:
@@ -128,6 +130,11 @@ def _write_robot(run: Run, gears: GearResult | None, folder: Path, model: Fitted
     return _written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model), gears))
 
 
+def _write_compensation(run: Run, gears: GearResult | None, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    robot = with_findings(model.robot, read_friction(run.path("estimate")), gears)
+    return write_compensation(folder, robot, model.name, interval_lines(model))
+
+
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
     """The robot with the identified law, tables of its numbers, or as C the filter of each joint that was followed."""
     if target == OBSERVER:
@@ -136,15 +143,19 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
         joints = read_filter(run.path("follow"))
         observers = {joint.joint: Observer(joint.filtered, joint.noise, joint.rate_hz) for joint in joints}
         return _reported(run, write_observers(clear_folder(run.folder, "export", target), observers))
-    if target not in (ROBOT, "csv"):
+    if target not in (ROBOT, COMPENSATION, "csv"):
         raise StudyError(
             f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
-            "and take that file as the robot of an elastic study, to csv, or to observer, which follows friction"
+            "and take that file as the robot of an elastic study, to csv, to compensation, or to observer, which "
+            "follows friction"
         )
     run.require_result("friction")
     result = read_friction_result(run.path("friction"))
     if target == "csv":
         return _reported(run, write_friction_csv(clear_folder(run.folder, "export", target), result))
+    if target == COMPENSATION:
+        robot = with_identified_friction(run.study.as_robot(), result)
+        return _reported(run, write_compensation(clear_folder(run.folder, "export", target), robot, run.study.name, ()))
     text = robot_of_friction(run.study.name, run.study.as_robot(), result)
     return _reported(run, _written(clear_folder(run.folder, "export", target), text))
 

@@ -23,6 +23,7 @@ _FURTHER: dict[str, dict[str, float]] = {
     },
     "rad/s": {"deg/s": math.pi / 180, "rpm": 2 * math.pi / 60},
     "rad/s^2": {"deg/s^2": math.pi / 180},
+    "rad/s^3": {"deg/s^3": math.pi / 180},
     "N": {"kN": 1e3},
     "N/m": {"kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "MN/m": 1e6},
     "N*s/m": {"kN*s/m": 1e3},
@@ -41,7 +42,7 @@ _FURTHER: dict[str, dict[str, float]] = {
 # Dimensions with an SI unit alone.
 _SI_ALONE = (
     "1/s", "1/s^2", "N*m/A", "N*m/rad^2", "N*m/rad^3", "N/m^2", "N/m^3", "N*m*s^2/rad^2", "N*s^2/m^2", "N*m/s", "N/s",
-    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^2",
+    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^2", "m/s^3",
 )  # fmt: skip
 # unit: (dimension, factor to SI). Closed on purpose: any other unit is refused with the list of those that fit.
 TABLE: dict[str, tuple[str, float]] = {
@@ -191,6 +192,7 @@ Conductance: TypeAlias = Annotated[float, InUnit("W/K")]
 JointPosition: TypeAlias = Annotated[float, InUnit("rad", "m")]
 JointVelocity: TypeAlias = Annotated[float, InUnit("rad/s", "m/s")]
 JointAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2")]
+JointJerk: TypeAlias = Annotated[float, InUnit("rad/s^3", "m/s^3")]
 JointTorque: TypeAlias = Annotated[float, InUnit("N*m", "N")]
 TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
 

@@ -23,7 +23,7 @@ from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
-_HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
+HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
 _SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
 % Of e.model(i).configuration: response{{i}} is a function of the frequency in Hz, models{{i}} an ss where there is one
@@ -120,7 +120,7 @@ def _written(
 ) -> tuple[Path, Path]:
     written = io.BytesIO()
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
-    write_whole(data, _HEADING + written.getvalue()[len(_HEADING) :])
+    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
     write_text(script, text.format(**known, measured=_MEASURED))
     return data, script

@@ -14,6 +14,7 @@ from elastid.base.units import (
     Damping,
     Inertia,
     JointAcceleration,
+    JointJerk,
     JointPosition,
     JointTorque,
     JointVelocity,
@@ -104,7 +105,7 @@ class Motor:
 
 @section
 class Limits:
-    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2 and N."""
+    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2, m/s^3 and N."""
 
     # fmt: off
     angle: Annotated[tuple[JointPosition, JointPosition], Key("Lowest and highest position [lower, upper].", "those of "
@@ -116,13 +117,16 @@ class Limits:
         "link, not the peak, for experiments of minutes.")] = math.inf
     acceleration: Annotated[JointAcceleration, Key("Largest acceleration.", "where drives trip by acceleration before "
         "they do by torque.")] = math.inf
+    jerk: Annotated[JointJerk, Key("Largest jerk, which the moves of `elastid tune` keep.", "where the controller "
+        "refuses or smooths a reference by its jerk.")] = math.inf
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration) > 0:
+        if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration, self.jerk) > 0:
             raise ValueError(
                 f"limits leave no motion: angle [{self.angle[0]:g}, {self.angle[1]:g}] must be [lower, upper], "
-                f"velocity {self.velocity:g}, torque {self.torque:g} and acceleration {self.acceleration:g} positive"
+                f"velocity {self.velocity:g}, torque {self.torque:g}, acceleration {self.acceleration:g} and jerk "
+                f"{self.jerk:g} positive"
             )
 
 
@@ -278,5 +282,5 @@ def _other(dimension: str) -> str:
 
 _OF_ROTATION = (
     *("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "N*m*s^2/rad^2", "rad", "rad/s", "rad/s^2"),
-    *("N*m", "N*m/s", "N*m/K", "rad/(s*K)"),
+    *("rad/s^3", "N*m", "N*m/s", "N*m/K", "rad/(s*K)"),
 )

@@ -89,20 +89,27 @@ def _loaded(function: ca.Function) -> ca.Function:
         return ca.external(function.name(), str(library))
 
 
-def sampled_step(model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives) -> ca.Function:
+def sampled_step(
+    model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, of_numbers: bool = False
+) -> ca.Function:
     """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
 
     substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
+    of_numbers: theta (n_theta,) of the model is a last argument; otherwise its own numbers are inside.
     """
     sizes = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
     sizes |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
     sizes |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
+    if of_numbers:
+        sizes["theta"] = len(model.theta)
     given = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
     control, drive = _control(model, drives, rate_hz), _drive(drives, 1 / (rate_hz * substeps))
-    accelerate, advance = _acceleration(model, contacts, drives), _advance(model, contacts)
+    theta = ca.SX.sym("theta", len(model.theta)) if of_numbers else None
+    accelerate, advance = _acceleration(model, contacts, drives, theta), _advance(model, contacts)
+    numbers = [given["theta"]] if of_numbers else []
 
     def acceleration(q: ca.MX, v: ca.MX, z: ca.MX, torque: ca.MX) -> ca.MX:
-        return accelerate(q, v, z, torque, given["disturbance"], given["curves"])
+        return accelerate(q, v, z, torque, given["disturbance"], given["curves"], *numbers)
 
     def advanced(z: ca.MX, v: ca.MX, step: float) -> ca.MX:
         return advance(z, v, given["curves"], step)
@@ -113,7 +120,7 @@ def sampled_step(model: ElasticModel, contacts: Contacts, rate_hz: float, subste
         *torques, w = drive(w, u)
         q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps))
     if model.n_c:
-        q, v = projection(model)(q, v)
+        q, v = projection(model, theta)(q, v, *numbers)
     return ca.Function("sample", [*given.values()], [q, v, z, w, integral, reading, u])
 
 
@@ -148,16 +155,19 @@ def _drive(drives: Drives, step: float) -> ca.Function:
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 
-def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives) -> ca.Function:
-    """(q, v, z, torque, disturbance, curves) -> q'', the torque that of the drives (n_u,), link side."""
+def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta: ca.SX | None) -> ca.Function:
+    """(q, v, z, torque, disturbance, curves) -> q'', the torque that of the drives (n_u,), link side; theta: symbols,
+    which become a further argument.
+    """
     q, v, z = (ca.SX.sym(name, n) for name, n in (("q", model.n_q), ("v", model.n_q), ("z", contacts.n_states)))
     torque, disturbance = ca.SX.sym("torque", model.n_u), ca.SX.sym("disturbance", model.n_u)
     curves = ca.SX.sym("curves", len(contacts.curves))
     B, (E, E_inverse) = ca.DM(model.B), shafts(model)
     driving = E.T @ drives.on_motors(E_inverse.T @ torque, E @ B.T @ q) + disturbance
-    braking = contacts.torque(v, z, curves) + gear_forces(model, q, v)
-    a = free_acceleration(model)(q, v, B @ driving - braking)
-    return ca.Function("acceleration", [q, v, z, torque, disturbance, curves], [ca.densify(a)], {"cse": True})
+    numbers = [] if theta is None else [theta]
+    braking = contacts.torque(v, z, curves) + gear_forces(model, q, v, theta)
+    a = free_acceleration(model, theta=theta)(q, v, B @ driving - braking, *numbers)
+    return ca.Function("acceleration", [q, v, z, torque, disturbance, curves, *numbers], [ca.densify(a)], {"cse": True})
 
 
 def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
@@ -229,13 +239,14 @@ def closed_loop(
     substeps: int,
     drives: Drives,
     samples: int = 0,
+    of_numbers: bool = False,
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
     substeps: Runge-Kutta steps in a sample.  samples: about how many will be simulated by a compiled step, 0 by an
-    interpreted one.
+    interpreted one.  of_numbers: each run has numbers theta of the model of its own.
     """
-    sample = sampled_step(model, contacts, rate_hz, substeps, drives)
+    sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers)
     # Six results of a sample start the next: q, v, states of friction and drives, integral, last reading. A chunk is
     # four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
     function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, 6, {"base": 4})
@@ -250,11 +261,13 @@ def simulate(
     q0: FloatArray,
     curves: FloatArray | None = None,
     v0: FloatArray | None = None,
+    theta: FloatArray | None = None,
 ) -> Trajectory:
     """Run the loop from q0 (n_q,) over the n samples of the commands.
 
     v0 (n_q,): at the start, where friction has slid so for long; at rest by default.
     curves (n, 9 n_f) or (9 n_f,): the friction's numbers, by default those without load at the reference temperature.
+    theta (n_theta,): numbers of the model, of a loop `of_numbers`.
     Raises DataError where a motor leaves its limits or is lost.
     """
     n, n_u = commands.position.shape
@@ -262,6 +275,7 @@ def simulate(
     signals = [getattr(commands, field.name) for field in fields(commands)]
     signals += [np.broadcast_to(gain, (n, n_u)) for gain in (gains.kp, gains.kd, gains.ki)]
     signals.append(np.broadcast_to(numbers, (n, numbers.shape[-1])))
+    signals += [] if theta is None else [np.broadcast_to(theta, (n, len(theta)))]
     v = np.zeros(len(q0)) if v0 is None else v0
     z = loop.contacts.steady(v, np.atleast_2d(numbers)[0])
     state = [q0, v, z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ (q0 - v / loop.rate_hz)]

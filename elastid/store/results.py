@@ -1,4 +1,4 @@
-"""fit.h5, gears.h5, validation.h5, compare.json, map.h5: a fit, its gears, its validation, ranked models, a map."""
+"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, shapers.h5: results of a study."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
+from elastid.use.command.shapers import RegionModes, Shaper
+from elastid.use.command.tune import TunedMove
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
-FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
+FIT, GEARS, VALIDATION, MAP, TUNE, SHAPERS = "fit", "gears", "validation", "map", "tune", "shapers"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -82,6 +84,22 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
     numbers = [column for _, columns in each for column in columns]
     columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
     write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
+
+
+def write_tune(path: Path | str, tuned: TunedMove, stamp: Stamp = NO_STAMP) -> None:
+    """tune.h5: the references of a move, its limits, and the error of its tool."""
+    write_artefact(path, TUNE, stamp, {"tune": (tuned, TunedMove)})
+
+
+def read_tune(path: Path | str) -> TunedMove:
+    """The move in tune.h5."""
+    return read_part(path, TUNE, "tune", TunedMove)
+
+
+def write_shapers(path: Path | str, modes: RegionModes, shapers: tuple[Shaper, ...], stamp: Stamp = NO_STAMP) -> None:
+    """shapers.h5: modes of a region, and shapers for them in their rank."""
+    parts = {"modes": (modes, RegionModes)} | {shaper.name: (shaper, Shaper) for shaper in shapers}
+    write_artefact(path, SHAPERS, stamp, parts)
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:

@@ -72,6 +72,16 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
 
 
+def estimated_robot(result: FitResult, configuration: str = "") -> Robot:
+    """The robot with the fitted numbers; configuration: whose parameters count, where they have their own."""
+    if result.robot is None:
+        raise StudyError("this result holds no robot; fit again with this version of elastid")
+    theta = result.parameters.expand(result.x, configuration)
+    numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
+    numbers.pop(DELAY, None)
+    return result.robot.with_parameters(numbers)
+
+
 def _draws(x: FloatArray, covariance: FloatArray, doubts: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
     axes, rng = principal_axes(covariance), np.random.default_rng(seed)
     while True:

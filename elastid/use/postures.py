@@ -172,63 +172,105 @@ class JointPath:
     unreached: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class Table:
+    """Numbers (Q, n) of a CSV file under their heads (n,); lines (Q,): of each row in the file, counted from 1."""
+
+    path: Path
+    heads: tuple[str, ...]
+    values: FloatArray
+    lines: tuple[int, ...]
+
+    @property
+    def words(self) -> dict[str, int]:
+        """The column of each head without its unit."""
+        return {_bare(head): place for place, head in enumerate(self.heads)}
+
+    def angles(self, robot: Robot) -> FloatArray | None:
+        """Angles (Q, n_u) of the driven joints; None where the table lacks one."""
+        names, words = [joint.name for joint in robot.driven], self.words
+        if not set(names) <= set(words):
+            return None
+        in_degrees = [_unit(self.heads[words[name]]) in _DEGREES for name in names]
+        turning = [not joint.slides for joint in robot.driven]
+        scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
+        return np.asarray(self.values[:, [words[name] for name in names]] * scale)
+
+    def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
+        """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""
+        words = self.words
+        if not {"x", "y", "z"} <= set(words):
+            names = [joint.name for joint in robot.driven]
+            raise DataError(
+                f"{self.path}: its columns are {', '.join(self.heads)}; give one for each driven joint "
+                f"({', '.join(names)}; rad, or `{names[0]} deg`), or the poses of the frame as x, y, z in m, with rx, "
+                "ry, rz in rad for its orientation"
+            )
+        position = self.values[:, [words[axis] for axis in "xyz"]]
+        if not {"rx", "ry", "rz"} <= set(words):
+            return position, None
+        from scipy.spatial.transform import Rotation
+
+        return position, Rotation.from_rotvec(self.values[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
+
+
 def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     """A CSV file with a column for each driven joint, in rad (or deg: `1 deg`), or with poses of the frame.
 
     Poses: columns x, y, z in m, and rx, ry, rz, the rotation vector in rad, where the orientation counts.
     DataError for other columns and for cells that are no numbers.
     """
-    heads, table = _table(path)
-    names = [joint.name for joint in robot.driven]
-    words = {_bare(head): place for place, head in enumerate(heads)}
-    if set(names) <= set(words):
-        turning = [not joint.slides for joint in robot.driven]
-        in_degrees = [_unit(heads[words[name]]) in _DEGREES for name in names]
-        scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
-        return JointPath(table[:, [words[name] for name in names]] * scale)
-    if {"x", "y", "z"} <= set(words):
-        position = table[:, [words[axis] for axis in "xyz"]]
-        rotation = None
-        if {"rx", "ry", "rz"} <= set(words):
-            from scipy.spatial.transform import Rotation
-
-            rotation = Rotation.from_rotvec(table[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
-        angles, reached = follow_path(robot, frame, position, rotation)
-        if not reached.any():
-            raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")
-        return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
-    raise DataError(
-        f"{path}: its columns are {', '.join(heads)}; give one for each driven joint ({', '.join(names)}; rad, or "
-        f"`{names[0]} deg`), or the poses of the frame as x, y, z in m, with rx, ry, rz in rad for its orientation"
-    )
+    table = read_table(path)
+    angles = table.angles(robot)
+    if angles is not None:
+        return JointPath(angles)
+    angles, reached = follow_path(robot, frame, *table.poses(robot))
+    if not reached.any():
+        raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")
+    return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
 
-def _table(path: Path) -> tuple[list[str], FloatArray]:
+def read_table(path: Path) -> Table:
+    """The numbers of a CSV file; DataError with line and column of a cell that is none. Lines with # are comments."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except UnicodeDecodeError:
         raise DataError(f"{path}: no text; give a CSV file") from None
     if len(rows) < 2:
         raise DataError(f"{path}: a path has a row of names and a row for each posture")
-    heads = [cell.strip() for cell in rows[0]]
-    for number, row in enumerate(rows[1:], start=2):
+    heads = tuple(cell.strip() for cell in rows[0][1])
+    if repeated := next((head for head in heads if heads.count(head) > 1), ""):
+        raise DataError(f"{path}:{rows[0][0]}: column {repeated} is there twice; leave one out")
+    for line, row in rows[1:]:
         if len(row) != len(heads):
-            raise DataError(f"{path}: row {number} has {len(row)} cells, and the first {len(heads)}")
+            raise DataError(f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}")
+        for head, cell in zip(heads, row, strict=True):
+            if not _is_finite(cell):
+                raise DataError(
+                    f"{path}:{line}: column {head} is '{cell.strip()}'; a path holds finite numbers alone below its "
+                    "names, with a point before decimals"
+                )
+    values = np.array([[float(cell) for cell in row] for _, row in rows[1:]])
+    return Table(path, heads, values, tuple(line for line, _ in rows[1:]))
+
+
+def _is_finite(cell: str) -> bool:
     try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except ValueError as error:
-        raise DataError(f"{path}: {error}; a path holds numbers alone below its names") from None
-    if not np.isfinite(table).all():
-        raise DataError(f"{path}: row {int(np.argmax(~np.isfinite(table).all(axis=1))) + 2} is not finite")
-    return heads, table
+        return bool(np.isfinite(float(cell)))
+    except ValueError:
+        return False
+
+
+_UNIT = re.compile(r"(?:\s+|\s*[\[(]\s*)(deg|degrees?|rad|m|s)\s*[\])]?$")
 
 
 def _bare(head: str) -> str:
     """A name without its unit: `1 deg`, `1 (deg)`, `joint 1 [rad]` are 1."""
-    return re.sub(r"^joint\s+", "", re.sub(r"\s*[\[(]?\s*(deg|degrees?|rad|m)\s*[\])]?$", "", head)) or head
+    return re.sub(r"^joint\s+", "", _UNIT.sub("", head)) or head
 
 
 def _unit(head: str) -> str:
-    match = re.search(r"(deg|degrees?|rad|m)\s*[\])]?$", head)
+    match = _UNIT.search(head)
     return match[1] if match else ""

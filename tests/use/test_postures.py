@@ -49,9 +49,9 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     [
         ("a,b\n1,2\n", "give one for each driven joint"),
         ("1,2\n", "a row of names and a row for each posture"),
-        ("1,2\n0,up\n", "holds numbers alone"),
-        ("1,2\n0\n", "row 2 has 1 cells"),
-        ("1,2\n0,nan\n", "row 2 is not finite"),
+        ("1,2\n0,up\n", ":2: column 2 is 'up'; a path holds finite numbers alone"),
+        ("1,2\n0\n", ":2: 1 cells, and 2 names in line 1"),
+        ("1,2\n0,nan\n", ":2: column 2 is 'nan'"),
         ("x,y,z\n9,9,9\n", "within reach"),
     ],
 )

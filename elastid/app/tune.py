@@ -1,0 +1,188 @@
+"""tune, shape: references of the motors along a move, and shapers of references, of the fitted robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.identified_robot import with_found_friction
+from elastid.app.run import Run, logged_in
+from elastid.app.stages.fit import TRUSTED
+from elastid.base.display import number
+from elastid.base.files import clear_folder
+from elastid.experiment.simulated.plant import true_robot
+from elastid.export.move import write_move
+from elastid.fit.posture import Asked
+from elastid.report.figures.shapers import shaper_figure
+from elastid.report.page.page_of_move import write_figure, write_page_of_move
+from elastid.robot import Robot
+from elastid.store.files import keep_checksums, write_rows
+from elastid.store.measured import read_friction
+from elastid.store.results import read_fit, write_shapers, write_tune
+from elastid.use.command.moves import read_move
+from elastid.use.command.shapers import RegionModes, Shaper, ranked_shapers, region_modes
+from elastid.use.command.tune import Given, TunedMove, tune_move
+from elastid.use.draws import draw_robots, estimated_robot
+from elastid.use.postures import random_postures, read_path
+
+RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
+SHAPERS = ("shapers.h5", "shapers.csv", "shapers.png")
+POSTURES = 20  # of a region whose modes are shaped
+RATE_HZ = 500.0  # of a study whose controller's rate is not known
+
+
+@dataclass(frozen=True)
+class Command:
+    """A move as the command line asks for it."""
+
+    path: Path
+    duration: float | None
+    fastest: bool
+    error_m: float
+    frame: str | None
+    rate_hz: float | None
+    bandwidth_hz: float
+    draws: int
+
+
+def tune_study(run: Run, asked: Command) -> None:
+    """tune.h5, tune.csv and further files of a move on the study's fit; StudyError without a current one."""
+    run.study.as_robot()
+    run.require_stage("fit")
+    run.require_result("fit")
+    with logged_in(run.folder, run.jobs, run.console):
+        result = read_fit(run.path("fit"))
+        given = _given(run, asked)
+        move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
+        with run.console.progress("tune") as progress:
+            tuned = tune_move(given, move, run.study.name, progress)
+        _write(run, tuned)
+        run.console.table(table(tuned))
+        for line in sentences(tuned):
+            run.console.say(f"tune: {line}")
+        if tuned.advice:
+            run.console.warn(f"tune: {tuned.advice}")
+        if result.status not in TRUSTED:
+            run.console.warn(f"tune: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+
+
+@dataclass(frozen=True)
+class Region:
+    """Postures and payloads in kg whose modes are shaped; bandwidth_hz: None for motors that are held."""
+
+    path: Path | None
+    random: int | None
+    payloads: tuple[float, ...]
+    frame: str | None
+    bandwidth_hz: float | None
+
+
+def shape_study(run: Run, region: Region) -> None:
+    """shapers.h5, shapers.csv and shapers.png of the study's fit; StudyError without a current one."""
+    run.study.as_robot()
+    run.require_stage("fit")
+    run.require_result("fit")
+    with logged_in(run.folder, run.jobs, run.console):
+        result = read_fit(run.path("fit"))
+        family = result.family(Asked(frame=region.frame))
+        if region.path is None:
+            angles = random_postures(family.robot, region.random or POSTURES, run.study.seed or 0)
+        else:
+            angles = read_path(region.path, family.robot, family.frame).angles
+            angles = angles[np.unique(np.linspace(0, len(angles) - 1, POSTURES).astype(int))]
+        modes = region_modes(result, angles, region.bandwidth_hz, region.payloads, region.frame)
+        shapers = ranked_shapers(modes)
+        write_shapers(run.folder / SHAPERS[0], modes, shapers, run.stamps["fit"])
+        rows = [(each.name, t, A) for each in shapers for t, A in zip(each.time_s, each.amplitude, strict=True)]
+        write_rows(run.folder / SHAPERS[1], [("shaper", "t", "amplitude"), *rows])
+        write_figure(run.folder / SHAPERS[2], shaper_figure(run.study.name, modes, shapers))
+        keep_checksums(run.folder, SHAPERS)
+        run.console.table(shaper_table(shapers))
+        for line in (_region_words(modes, shapers), *(str(run.folder / name) for name in SHAPERS)):
+            run.console.say(f"shape: {line}")
+
+
+def shaper_table(shapers: tuple[Shaper, ...]) -> list[list[str]]:
+    """A line for each shaper, the best first."""
+    rows = [["shaper", "impulses", "delay ms", "worst vibration %", "mean vibration %", "frequencies may be off by %"]]
+    for own in shapers:
+        figures = (1e3 * own.delay_s, 100 * own.worst, 100 * own.mean, 100 * own.robustness)
+        rows.append([own.name, str(len(own.time_s)), *(number(value, 3) for value in figures)])
+    return rows
+
+
+def _region_words(modes: RegionModes, shapers: tuple[Shaper, ...]) -> str:
+    low, high, best = modes.freq_hz.min(), modes.freq_hz.max(), shapers[0]
+    return (
+        f"{len(modes.freq_hz)} modes from {number(low, 3)} to {number(high, 3)} Hz; {best.name} leaves "
+        f"{100 * best.worst:.2g} % of the vibration at most and costs {1e3 * best.delay_s:.0f} ms"
+    )
+
+
+def _given(run: Run, asked: Command) -> Given:
+    """The robots of a study with the frame that is asked for."""
+    result, study = read_fit(run.path("fit")), run.study
+    family = result.family(Asked(frame=asked.frame))
+    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+
+    def framed(robot: Robot) -> Robot:
+        return replace(robot, frames=family.robot.frames)
+
+    identified = framed(with_found_friction(estimated_robot(result), friction))
+    judge, judge_name = identified, "twin with the identified numbers"
+    simulated = study.experiment.simulated
+    if simulated is not None:
+        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
+    draws = draw_robots(result, asked.draws, study.seed or 0).robots if asked.draws else ()
+    own_rate = study.excitation.rate_hz if study.excitation is not None else RATE_HZ
+    return Given(
+        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, draws)), family.frame,
+        asked.rate_hz or own_rate, asked.bandwidth_hz, asked.error_m,
+    )  # fmt: skip
+
+
+def _write(run: Run, tuned: TunedMove) -> None:
+    write_tune(run.folder / "tune.h5", tuned, run.stamps["fit"])
+    write_table(run.folder / "tune.csv", tuned)
+    write_page_of_move(tuned, run.folder, run.stamps["fit"].shown)
+    keep_checksums(run.folder, RESULTS)
+    files = write_move(clear_folder(run.folder, "tune"), tuned)
+    for path in (*(run.folder / name for name in RESULTS), *files):
+        run.console.say(f"tune: {path}")
+
+
+def write_table(path: Path, tuned: TunedMove) -> None:
+    """tune.csv: a row for each sample, link side, SI."""
+    parts = ("position", "velocity", "torque")
+    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
+
+
+def table(tuned: TunedMove) -> list[list[str]]:
+    """Errors of the tool in mm, and torques, by command."""
+    rows = [["command", "judged on", "largest mm", "rms mm", "static mm", "vibration mm", "peak torque N*m"]]
+    for own in tuned.outcomes:
+        figures = [number(1e3 * value, 3) for value in (own.largest, own.rms, own.static, own.residual)]
+        rows.append([own.name, tuned.judge, *figures, ", ".join(number(float(each), 4) for each in own.torque)])
+    return rows
+
+
+def sentences(tuned: TunedMove) -> tuple[str, ...]:
+    """The move in words: its time, its exactness against rigid feedforward, and its use of the torque limits."""
+    first, last = tuned.outcomes[0], tuned.outcomes[-1]
+    lines = [
+        f"{tuned.duration:.4g} s, {1e3 * tuned.margin_s:.0f} ms more before and after it; the largest error of "
+        f"{tuned.frame} is {number(first.largest / max(last.largest, 1e-12), 3)} times smaller than with {first.name}, "
+        f"its vibration after the move {number(first.residual / max(last.residual, 1e-12), 3)} times"
+    ]
+    if tuned.draws and last.high is not None:
+        used, error = (tuned.most / tuned.limits[3]).max(), number(1e3 * float(last.high.max()), 3)
+        lines.append(
+            f"on {tuned.draws} robots drawn from the fit the largest error is at most {error} mm (95 %), and torques "
+            f"take at most {100 * used:.0f} % of their limits"
+        )
+    return tuple(lines)

@@ -1,0 +1,291 @@
+r"""The move of an elastic robot as one optimal control problem, by direct collocation with splines of degree 5.
+
+.. math:: \min_{q, u} \int \left|\frac{e(q)}{e_0}\right|^2 + \left|\frac{\dot u\, t_0}{u_0}\right|^2 dt \quad
+          \text{s.t.} \quad M \ddot q + f + \tau_f + \Phi^T \lambda = B u, \quad \varphi(q) = 0, \quad
+          |q_m|, |\dot q_m|, |\ddot q_m|, |\dddot q_m|, |u| \le \text{limits}
+
+e: of the tool from its path. q(t) is a spline with continuous fourth derivative, at rest in equilibrium at both ends;
+the equations hold at its knots (de Boor and Swartz, SIAM J. Numer. Anal. 10 (1973), 582): between them the error is of
+order h^4. The time before and after the move lets the motors wind and unwind the springs: of robots with elastic joints
+that no motor drives the inverse does not depend on the past alone. IPOPT (Wachter and Biegler, Mathematical Programming
+106, 2006) with the Gauss-Newton Hessian of the tool's error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import BSpline, make_lsq_spline
+
+from elastid.base.arrays import FloatArray
+from elastid.model.kinematics import Poses
+from elastid.use.command.equations import CommandedRobot
+from elastid.use.command.limits import MotionLimits
+from elastid.use.command.moves import Move
+
+DEGREE = 5
+_HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Weights and mesh: tool_m e_0, rate_s t_0, knots in a second, tolerance and iterations of IPOPT."""
+
+    tool_m: float = 5e-5
+    rate_s: float = 0.02
+    ripple: float = 1e-5
+    knots_per_s: float = 100.0
+    tolerance: float = 1e-6
+    iterations: int = 150
+    is_exact: bool = False
+
+
+SETTINGS = Settings()
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A motion q(t) (n_q,) as a spline over time in s; status: of IPOPT.  violation: of its constraints."""
+
+    q: BSpline
+    status: str
+    iterations: int
+    violation: float
+
+    @property
+    def is_feasible(self) -> bool:
+        """True if all equations and limits hold."""
+        return self.violation < 1e-4
+
+    @property
+    def has_converged(self) -> bool:
+        """True at an optimum."""
+        return self.is_feasible and self.status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+
+
+def plan(
+    commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, settings: Settings = SETTINGS
+) -> Planned:
+    """The best motion within the limits from margin_s before a move to margin_s after it.
+
+    KeyboardInterrupt where it was interrupted; StudyError where an end finds no rest.
+    """
+    mesh = Mesh.of(move.duration, margin_s, settings.knots_per_s)
+    problem = _Problem(commanded, move, limits, mesh, settings)
+    options: dict[str, Any] = {
+        "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
+        "jac_g": problem.jacobian, "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
+        "ipopt.tol": settings.tolerance, "ipopt.max_iter": settings.iterations, "ipopt.mu_strategy": "adaptive",
+        "ipopt.nlp_scaling_method": "none", "ipopt.acceptable_tol": 1e-4, "ipopt.acceptable_iter": 5,
+        "ipopt.bound_relax_factor": 0.0, "ipopt.mu_init": 1e-3,
+    }  # fmt: skip
+    solver = ca.nlpsol("plan", "ipopt", problem.nlp, options)
+    solution = solver(x0=problem.start, lbx=problem.lower, ubx=problem.upper, lbg=problem.low, ubg=problem.high)
+    status = str(solver.stats()["return_status"])
+    # Ctrl-C inside IPOPT does not raise; it returns this status.
+    if status == "NonIpopt_Exception_Thrown":
+        raise KeyboardInterrupt
+    g = solution["g"].full()[:, 0]
+    violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
+    return Planned(problem.spline(solution["x"].full()[:, 0]), status, int(solver.stats()["iter_count"]), violation)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Knots (N - 1,) within the time of a spline; its knots with multiplicity."""
+
+    times: FloatArray
+    knots: FloatArray
+
+    @classmethod
+    def of(cls, duration: float, margin_s: float, per_s: float) -> Mesh:
+        """Even knots from -margin_s to duration + margin_s."""
+        N = max(12, round((duration + 2 * margin_s) * per_s))
+        ends = -margin_s, duration + margin_s
+        times = np.linspace(*ends, N + 1)
+        return cls(times[1:-1], np.concatenate([np.full(DEGREE, ends[0]), times, np.full(DEGREE, ends[1])]))
+
+    @property
+    def step(self) -> float:
+        """s between knots."""
+        return float(self.times[1] - self.times[0])
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients of a spline."""
+        return len(self.knots) - DEGREE - 1
+
+    def basis(self, order: int) -> FloatArray:
+        """Derivatives (n, count) of the spline's basis at the inner knots."""
+        return np.asarray(BSpline(self.knots, np.eye(self.count), DEGREE)(self.times, order))
+
+
+class _Problem:
+    """Variables x = [spline coefficients, torques u / u_0, multipliers], each knot by knot; constraints g likewise."""
+
+    def __init__(
+        self, commanded: CommandedRobot, move: Move, limits: MotionLimits, mesh: Mesh, settings: Settings
+    ) -> None:
+        model = commanded.model
+        self.commanded, self.mesh, self.limits, self.settings = commanded, mesh, limits, settings
+        self.n, self.n_q, self.n_u, self.n_c = len(mesh.times), model.n_q, model.n_u, len(commanded.rows)
+        self.ends = [commanded.rest(angles) for angles in move.ends]
+        self.bases = [mesh.basis(order) for order in range(4)]
+        self.inner = slice(_HELD, mesh.count - _HELD)
+        self.target = commanded.poses(commanded.rigid(move, mesh.times)[0])
+        holding = [model.B.T @ self._force(q) for q in self.ends]
+        guess = self._guess(move)
+        q, v, a = (basis @ guess for basis in self.bases[:3])
+        none = np.zeros((self.n_c, self.n))
+        force = commanded.balance.map(self.n)(q.T, v.T, a.T, none)[0].full()
+        u = np.linalg.pinv(model.B) @ force
+        peak = np.abs(np.column_stack([u, *holding])).max(axis=1)
+        self.u_0 = np.maximum(np.where(np.isfinite(limits.torque), np.minimum(limits.torque, peak), peak), 1e-6)
+        self.force_0 = float(self.u_0.max())
+        self.holding = holding
+        clipped = np.clip(u, -limits.torque[:, None], limits.torque[:, None]) / self.u_0[:, None]
+        self.start = np.concatenate([guess[self.inner].ravel(), clipped.T.ravel(), np.zeros(self.n_c * self.n)])
+        self._build()
+
+    def _force(self, q: FloatArray) -> FloatArray:
+        """At rest; loops carry part of it, which no motor does: least squares by the motors' columns."""
+        still = np.zeros(self.n_q)
+        force = self.commanded.balance(q, still, still, np.zeros(self.n_c))[0].full()[:, 0]
+        if self.n_c:
+            Phi = self.commanded.balance(q, still, still, np.zeros(self.n_c))[3].full()
+            B = self.commanded.model.B
+            solution = np.linalg.lstsq(np.column_stack([B, -Phi.T]), force)[0]
+            force = B @ solution[: self.n_u]
+        return np.asarray(force)
+
+    def _guess(self, move: Move) -> FloatArray:
+        """Coefficients (count, n_q) of the quasi-static inversion, at rest at both ends."""
+        fine = np.linspace(self.mesh.knots[0], self.mesh.knots[-1], 4 * (self.n + 1) + 1)
+        inverted = self.commanded.inverted(move, fine)
+        # The weight of the robot deflects it exactly as at its ends, not to first order.
+        share = np.clip(fine / move.duration, 0, 1)[:, None]
+        offset = (1 - share) * (self.ends[0] - inverted[0]) + share * (self.ends[1] - inverted[-1])
+        c = np.array(make_lsq_spline(fine, inverted + offset, self.mesh.knots, DEGREE).c)
+        c[:_HELD], c[-_HELD:] = self.ends
+        return c
+
+    def _build(self) -> None:
+        n, n_q, n_u, n_c, s = self.n, self.n_q, self.n_u, self.n_c, self.settings
+        sizes = n_q * n, n_u * n, n_c * n
+        x = ca.MX.sym("x", sum(sizes))
+        C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist()) if n_c else (*ca.vertsplit(
+            x, [0, sizes[0], sizes[0] + sizes[1]]), ca.MX(0, 1))  # fmt: skip
+        C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
+        inner = [ca.sparsify(ca.DM(basis[:, self.inner])) for basis in self.bases]
+        outer = [
+            np.outer(self.ends[0], basis[:, :_HELD].sum(axis=1)) + np.outer(self.ends[1], basis[:, -_HELD:].sum(axis=1))
+            for basis in self.bases
+        ]
+        Q, V, A, jerk = (C @ inside.T + ca.DM(fixed) for inside, fixed in zip(inner, outer, strict=True))
+        B = ca.DM(self.commanded.model.B) @ ca.diag(ca.DM(self.u_0))
+        force, slopes, phi, Phi = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
+        dynamics = (force - B @ U) / self.force_0
+        bounded = self._bounded(Q, V, A, jerk, inner)
+        g = ca.vertcat(ca.vec(dynamics), ca.vec(phi), *(ca.vec(part) for part, _, _ in bounded))
+        error, J = self.commanded.tool.map(n)(Q, self._p, self._R)
+        tool = ca.vec(error) / s.tool_m * np.sqrt(self.mesh.step)
+        held = [ca.DM(u / self.u_0) for u in self.holding]
+        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (s.rate_s / np.sqrt(self.mesh.step))
+        ripple = self._ripple
+        whole = ca.horzcat(
+            *(ca.DM(self.ends[0]) for _ in range(_HELD)), C, *(ca.DM(self.ends[1]) for _ in range(_HELD))
+        )
+        f = ca.sumsqr(tool) + ca.sumsqr(rate) + ca.sumsqr(whole @ ripple.T)
+        self.nlp = {"x": x, "f": f, "g": g}
+        # Jacobians of mapped functions are blocks: CasADi would find them by as many sweeps as a block has columns.
+        lifts = [ca.kron(inside, ca.DM.eye(n_q)) for inside in inner]
+        blocks = ca.horzsplit(slopes, 3 * n_q + n_c)
+        parts = [_block_diagonal([block[:, i * n_q : (i + 1) * n_q] for block in blocks]) @ lifts[i] for i in range(3)]
+        by_u = ca.kron(ca.DM.eye(n), -B / self.force_0)
+        by_lambda = _block_diagonal([block[:, 3 * n_q :] for block in blocks]) if n_c else ca.MX(n_q * n, 0)
+        rows = [ca.horzcat(sum(parts) / self.force_0, by_u, by_lambda)]
+        if n_c:
+            closing = _block_diagonal(ca.horzsplit(Phi, n_q)) @ lifts[0]
+            rows.append(ca.horzcat(closing, ca.MX(n_c * n, sizes[1] + sizes[2])))
+        rows += [ca.horzcat(slope, ca.MX(slope.size1(), sizes[1] + sizes[2])) for _, slope, _ in bounded]
+        self.jacobian = ca.Function("nlp_jac_g", [x, ca.MX(0, 1)], [g, ca.vertcat(*rows)], ["x", "p"], ["g", "jac_g_x"])
+        E = _block_diagonal(ca.horzsplit(J, n_q)) @ lifts[0] * (np.sqrt(self.mesh.step) / s.tool_m)
+        D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(n_u))
+        D *= s.rate_s / np.sqrt(self.mesh.step)
+        R = ca.kron(ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(n_q))
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
+        if s.is_exact:
+            mu = ca.vertcat(ca.reshape(lam_g[: n_q * n], n_q, n) / self.force_0,
+                            ca.reshape(lam_g[n_q * n : (n_q + n_c) * n], n_c, n))  # fmt: skip
+            weight = ca.repmat(lam_f * self.mesh.step / s.tool_m**2, 1, n)
+            curved = self.commanded.curvature.map(n)(Q, V, A, L * self.force_0, mu, self._p, self._R, weight)
+            m = 3 * n_q + n_c
+            blocks = ca.horzsplit(curved, m)
+            H_C = ca.MX(sizes[0], sizes[0])
+            for i in range(3):
+                for j in range(3):
+                    part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]
+                    H_C += lifts[i].T @ _block_diagonal(part) @ lifts[j]
+            H_C += 2 * lam_f * R.T @ R
+            H = ca.diagcat(H_C, 2 * lam_f * D.T @ D, ca.MX(sizes[2], sizes[2]))
+        else:
+            H = 2 * lam_f * ca.diagcat(E.T @ E + R.T @ R, D.T @ D, 1e-8 * ca.DM.eye(sizes[2]))
+        given = [x, ca.MX(0, 1), lam_f, lam_g]
+        self.hessian = ca.Function(
+            "nlp_hess_l", given, [ca.triu(H)], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+        )
+        equal = np.zeros((n_q + n_c) * n)
+        self.low = np.concatenate([equal, *(-bound for _, _, bound in bounded)])
+        self.high = np.concatenate([equal, *(bound for _, _, bound in bounded)])
+        widest = np.full(sizes[0], np.inf)
+        torque = np.tile(self.limits.torque / self.u_0, n)
+        self.upper = np.concatenate([widest, torque, np.full(sizes[2], np.inf)])
+        self.lower = -self.upper
+
+    @property
+    def _ripple(self) -> ca.DM:
+        """Sixth differences of coefficients, weighted: small of any smooth motion, large of one from knot to knot."""
+        differences = np.diff(np.eye(self.mesh.count), 6, axis=0)
+        return ca.sparsify(ca.DM(differences * (np.sqrt(self.mesh.step) / self.settings.ripple)))
+
+    @property
+    def _p(self) -> ca.DM:
+        return ca.DM(self.target.position.T)
+
+    @property
+    def _R(self) -> ca.DM:
+        return ca.DM(_columns(self.target).T)
+
+    def _bounded(self, Q: Any, V: Any, A: Any, jerk: Any, inner: list[ca.DM]) -> list[tuple[Any, ca.DM, FloatArray]]:
+        """Motions of the motors with a finite limit: expression about its middle, slope to the coefficients, reach."""
+        limits, found = self.limits, []
+        rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
+        middle, reach = limits.range
+        each = ((Q, 0, middle, reach), (V, 1, 0 * middle, limits.velocity), (A, 2, 0 * middle, limits.acceleration),
+                (jerk, 3, 0 * middle, limits.jerk))  # fmt: skip
+        for motion, order, middles, bounds in each:
+            for motor in np.flatnonzero(np.isfinite(bounds)).tolist():
+                picked = ca.DM(1, self.n_q)
+                picked[rows[motor]] = 1 / bounds[motor]
+                value = (motion[rows[motor], :] - (0.0 if order else middles[motor])) / bounds[motor]
+                found.append((value, ca.kron(inner[order], picked), np.ones(self.n)))
+        return found
+
+    def spline(self, x: FloatArray) -> BSpline:
+        """q(t) of the variables."""
+        c = np.empty((self.mesh.count, self.n_q))
+        c[:_HELD], c[-_HELD:] = self.ends
+        c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
+        return BSpline(self.mesh.knots, c, DEGREE)
+
+
+def _columns(poses: Poses) -> FloatArray:
+    """Rotations (N, 9), column by column."""
+    return poses.rotation.transpose(0, 2, 1).reshape(-1, 9)
+
+
+def _block_diagonal(blocks: list[Any]) -> Any:
+    return ca.diagcat(*blocks)

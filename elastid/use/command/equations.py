@@ -1,0 +1,221 @@
+r"""The elastic robot as it is commanded: forces that a motion takes, tool pose, limits, and quasi-static inversion.
+
+.. math:: M(q)\, \ddot q + f(q, \dot q) + \tau_f(\dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
+
+with every number inserted. Dry friction is that of steady sliding, tanh(v / v_s) at standstill: bristles are integrated
+along the reference where the torque is written (`friction_along`).
+
+Quasi-static inversion (de Luca, IEEE ICRA 2000, 4; Moberg and Hanssen, IFAC World Congress 2008): the forces of the
+rigid motion deflect the springs, and the motors move so that the tool stays where it should be,
+
+.. math:: K \delta + r = B u, \quad \Phi \delta = 0, \quad J \delta = 0, \qquad r = M \ddot q_r + f(q_r, \dot q_r)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.model.closed_posture import followed
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.frame_tree import direction, position, tree, turns
+from elastid.model.kinematics import Poses, frame_poses
+from elastid.model.loop_closure import partition
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import Robot
+from elastid.simulation.controller import rigid_motion
+from elastid.simulation.dynamics import contacts
+from elastid.use.command.moves import Move
+
+# rad/s (m/s) on the link side below which the planned friction turns around: slower than a move, faster than a step.
+SLIDING = 0.01
+LEVER = 0.1  # m: an error of orientation counts as that of a point so far from the tool
+
+
+@dataclass(frozen=True, eq=False)
+class CommandedRobot:
+    """A robot with numbers, about to be commanded so that a frame follows a path.
+
+    rows: of the constraints that are independent.
+    """
+
+    robot: Robot
+    model: ElasticModel
+    frame: str
+    rows: tuple[int, ...]
+    spec: ModelSpec = EXACT
+
+    @classmethod
+    def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> CommandedRobot:
+        """In the formulation of `spec`, of loops of elastic rods alone in the minimal one; posture (n_u,): amid all."""
+        model = formulate(robot, spec)
+        if model.n_c:
+            minimal = formulate(robot, ModelSpec("minimal"))
+            model, spec = (minimal, ModelSpec("minimal")) if not minimal.n_c else (model, spec)
+        rows: tuple[int, ...] = ()
+        if model.n_c:
+            point = equilibrium(model, model.theta, Configuration("move", posture))
+            rows = tuple(partition(model, model.constraint_jacobian(point.q, model.theta).full()).rows.tolist())
+        return cls(robot, model, frame, rows, spec)
+
+    @property
+    def is_posed(self) -> bool:
+        """True if the orientation of the frame is followed, too: with more than three motors."""
+        return self.model.n_u > 3
+
+    @cached_property
+    def balance(self) -> ca.Function:
+        """(q, v, a, lambda) -> r (n_q,), the forces that a motion takes; its Jacobian to all four; phi, its slope."""
+        m, n = self.model, self.model.n_q
+        q, v, a = (ca.SX.sym(name, n) for name in "qva")
+        lambda_, rows = ca.SX.sym("lambda", len(self.rows)), list(self.rows)
+        force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self._friction(v)
+        phi = m.constraint(q, m.theta)[rows]
+        Phi = ca.jacobian(phi, q)
+        if rows:
+            force = force + Phi.T @ lambda_
+        slopes = ca.jacobian(force, ca.vertcat(q, v, a, lambda_))
+        results = [ca.densify(part) for part in (force, slopes, phi, Phi)]
+        return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
+
+    @cached_property
+    def curvature(self) -> ca.Function:
+        """(q, v, a, lambda, mu, p, R, w) -> Hessian of mu . (r, phi) + w |e|^2 to (q, v, a, lambda)."""
+        n, n_c = self.model.n_q, len(self.rows)
+        sizes = {"q": n, "v": n, "a": n, "lambda": n_c, "mu": n + n_c, "p": 3, "R": 9, "w": 1}
+        given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+        q, v, a, lambda_, mu, p, R, w = given.values()
+        force, _, phi, _ = self.balance(q, v, a, lambda_)
+        total = ca.dot(mu, ca.vertcat(force, phi)) + w * ca.sumsqr(self.tool(q, p, R)[0])
+        H = ca.hessian(total, ca.vertcat(q, v, a, lambda_))[0]
+        return ca.Function("curvature", [*given.values()], [ca.densify(H)], {"cse": True})
+
+    def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
+        """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
+        laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
+        total = ca.SX(self.model.n_q, 1)
+        for law, column in zip(laws, contacts(self.model, laws).P.T, strict=True):
+            slip, curve = ca.dot(ca.DM(column), v), law.symbols(law.curve().tolist())
+            total += ca.DM(column) * (curve.level(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
+        return total
+
+    def planned_friction(self, v: FloatArray) -> FloatArray:
+        """Friction (N, n_u) of the motors at v (N, n_q) as it is planned with, turning around gradually."""
+        symbols = ca.SX.sym("v", self.model.n_q)
+        force = ca.Function("friction", [symbols], [ca.densify(self._friction(symbols, of_motors=True))])
+        return np.asarray((np.linalg.pinv(self.model.B) @ force.map(len(v))(v.T).full()).T)
+
+    @cached_property
+    def tool(self) -> ca.Function:
+        """(q, p, R) -> error (3,) or (6,) in m of the frame from a pose p (3,), R (9,) column by column; its slope."""
+        q, p, R = ca.SX.sym("q", self.model.n_q), ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
+        layout = tree(self.robot)
+        turned = turns(layout, q[: len(self.robot.joints)])
+        names = [frame.name for frame in self.robot.frames]
+        seat = layout.named[names.index(self.frame)]
+        error = position(layout, turned, seat, (0.0, 0.0, 0.0)) - p
+        if self.is_posed:
+            own = ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+            error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], own[:, i]) for i in range(3)))
+        results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
+        return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
+
+    def poses(self, q: FloatArray) -> Poses:
+        """Poses of the frame at q (N, n_q)."""
+        return frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame)
+
+    def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""
+        m = self.model
+        angles, rate, curvature = (move.at(t, order) for order in range(3))
+        q = np.zeros((len(t), m.n_q))
+        q[:, : len(self.robot.joints)] = followed(self.robot, angles, angles[0])
+        for motor, column in zip(m.inputs, angles.T, strict=True):
+            q[:, m.index(motor)] = column
+        T = rigid_motion(m, q)
+        v = (T @ rate[:, :, None])[:, :, 0]
+        a = (T @ curvature[:, :, None])[:, :, 0]
+        if self.robot.loops:
+            step_s = 1e-4  # of the central difference of T
+            before, after = (rigid_motion(m, q + sign * step_s * v) for sign in (-1, 1))
+            a += ((after - before) / (2 * step_s) @ rate[:, :, None])[:, :, 0]
+        return q, v, a
+
+    def statics(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How forces (n_q,) deflect the springs with the motors held (n_q, n_q), and how motors (n_u,) move all."""
+        m, n_r = self.model, len(self.rows)
+        free, motors = free_coordinates(m), np.array([m.index(name) for name in m.inputs])
+        K = m.stiffness(q, np.zeros(m.n_c), m.theta).full()
+        Phi = m.constraint_jacobian(q, m.theta).full()[list(self.rows)]
+        saddle = np.block([[K[np.ix_(free, free)], Phi[:, free].T], [Phi[:, free], np.zeros((n_r, n_r))]])
+        compliance, moved = np.zeros((m.n_q, m.n_q)), np.zeros((m.n_q, m.n_u))
+        compliance[np.ix_(free, free)] = np.linalg.solve(saddle, np.eye(len(saddle)))[: len(free), : len(free)]
+        moved[motors] = np.eye(m.n_u)
+        coupled = np.vstack([K[np.ix_(free, motors)], Phi[:, motors]])
+        moved[free] = -np.linalg.solve(saddle, coupled)[: len(free)]
+        return compliance, moved
+
+    def inverted(self, move: Move, t: FloatArray) -> FloatArray:
+        """q (N, n_q) by quasi-static inversion along a move at times (N,)."""
+        q, v, a = self.rigid(move, t)
+        none = np.zeros((len(self.rows), len(t)))
+        r = self.balance.map(len(t))(q.T, v.T, a.T, none)[0].full().T
+        target = self.poses(q)
+        J = self.slopes_of_tool(q, target)
+        coarse = np.unique(np.append(np.arange(0, len(t), 4), len(t) - 1))
+        maps = []
+        for k in coarse:
+            compliance, moved = self.statics(q[k])
+            held = np.eye(len(J[k])) if self.model.n_q else J[k]
+            back = moved @ np.linalg.pinv(J[k] @ moved, rcond=1e-6) @ held @ J[k]
+            maps.append(-(np.eye(self.model.n_q) - back) @ compliance)
+        nearest = np.searchsorted(coarse, np.arange(len(t)), side="right") - 1
+        share = (np.arange(len(t)) - coarse[nearest]) / np.diff(np.append(coarse, coarse[-1] + 1))[nearest]
+        stacked = np.array([*maps, maps[-1]])
+        between = stacked[nearest] + share[:, None, None] * (stacked[nearest + 1] - stacked[nearest])
+        return np.asarray(q + (between @ r[:, :, None])[:, :, 0])
+
+    def slopes_of_tool(self, q: FloatArray, target: Poses) -> FloatArray:
+        """Jacobian (N, n_e, n_q) of the tool's error at q (N, n_q)."""
+        N, n_e = len(q), 6 if self.is_posed else 3
+        R = target.rotation.transpose(0, 2, 1).reshape(N, 9)
+        J = self.tool.map(N)(q.T, target.position.T, R.T)[1].full()
+        return np.asarray(J.reshape(n_e, N, self.model.n_q).transpose(1, 0, 2))
+
+    def rest(self, angles: FloatArray) -> FloatArray:
+        """q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).
+
+        StudyError where the robot finds no rest there.
+        """
+        target = self.poses(self.rigid_posture(angles)[None])
+        motors = angles
+        for _ in range(8):
+            q = equilibrium(self.model, self.model.theta, Configuration("move", motors)).q
+            R = target.rotation.transpose(0, 2, 1).reshape(9)
+            error, J = (part.full() for part in self.tool(q, target.position[0], R))
+            step = -np.linalg.pinv(J @ self.statics(q)[1], rcond=1e-6) @ error[:, 0]
+            if np.abs(step).max() < 1e-9:
+                return q
+            motors = motors + step
+        raise StudyError(
+            f"robot {self.robot.name}: no posture of the motors brings frame {self.frame} at rest to where it is "
+            f"without deflection at {', '.join(f'{angle:.4g}' for angle in angles)} rad; the posture is near a "
+            "singular one, choose another"
+        )
+
+    def rigid_posture(self, angles: FloatArray) -> FloatArray:
+        """q (n_q,) without deflection at angles (n_u,)."""
+        q = np.zeros(self.model.n_q)
+        q[: len(self.robot.joints)] = followed(self.robot, angles[None])[0]
+        for motor, angle in zip(self.model.inputs, angles, strict=True):
+            q[self.model.index(motor)] = angle
+        return q

@@ -1,0 +1,163 @@
+r"""Moves of a robot from rest to rest, as a spline of the driven joints without deflection.
+
+.. math:: q_a(t) = q_a(\sigma(t / T)), \qquad \sigma(s) = 126 s^5 - 420 s^6 + 540 s^7 - 315 s^8 + 70 s^9
+
+for postures without times, along the length of the way between them; postures with times are interpolated by a spline
+of degree 5 that starts and ends at rest. A path of poses is interpolated as poses, so that the tool keeps to it between
+them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.robot import Robot
+from elastid.use.postures import Table, follow_path, read_table
+
+TIMES = ("t", "time")
+_SAMPLES = 200  # of a path of poses, each brought to the joints by inverse kinematics
+_TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """Angles of the driven joints over time, at rest before 0 and after `duration`, s.
+
+    spline: (n_u,) of the share of the duration, 0 to 1.  times_given: by its file, and not asked for.
+    """
+
+    spline: BSpline
+    duration: float
+    times_given: bool = False
+
+    def at(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
+        share = np.clip(t / self.duration, 0.0, 1.0)
+        values = np.asarray(self.spline(share, order)) / self.duration**order
+        if order:
+            values[(t < 0) | (t > self.duration)] = 0.0
+        return values
+
+    @property
+    def ends(self) -> FloatArray:
+        """Angles (2, n_u) at the start and at the end."""
+        return np.asarray(self.spline(np.array([0.0, 1.0])))
+
+    def in_time(self, duration: float) -> Move:
+        """The same way in another time."""
+        return replace(self, duration=duration)
+
+
+def read_move(path: Path, robot: Robot, frame: str, duration: float | None = None) -> Move:
+    """A CSV file of joint angles or poses (`read_path`), with a column `t` in s or, without times, in `duration` s.
+
+    duration: 0 for one that is still to be found, None for that of the file.
+
+    DataError for cells that are no numbers, times that do not rise, poses out of reach and angles beyond the limits.
+    """
+    table = read_table(path)
+    if len(table.values) < 2:
+        raise DataError(f"{path}: a move has a row for its start and one for its end, and there is one row")
+    times = _times(table)
+    if times is None and duration is None:
+        raise DataError(
+            f"{path}: no column t holds times; give one in s, or --time for the duration of the move, or --fastest"
+        )
+    angles = table.angles(robot)
+    if angles is not None:
+        shares = _shares(angles, times)
+        _check_limits(table, angles, robot)
+        spline = _through(shares, angles, times is not None)
+    else:
+        spline = _through_poses(table, robot, frame, times)
+    own = float(times[-1] - times[0]) if times is not None else 0.0
+    return Move(spline, own if duration is None else duration, times is not None)
+
+
+def _times(table: Table) -> FloatArray | None:
+    column = next((table.words[word] for word in TIMES if word in table.words), None)
+    if column is None:
+        return None
+    times = table.values[:, column]
+    if falling := np.flatnonzero(np.diff(times) <= 0).tolist():
+        row = falling[0] + 1
+        raise DataError(
+            f"{table.path}:{table.lines[row]}: column {table.heads[column]} is {times[row]:g} s after "
+            f"{times[row - 1]:g} s; times must rise from row to row"
+        )
+    return times
+
+
+def _shares(points: FloatArray, times: FloatArray | None) -> FloatArray:
+    """Shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
+    if times is None:
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        times = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9 * max(steps.sum(), 1e-9)))])
+    return np.asarray((times - times[0]) / (times[-1] - times[0]))
+
+
+def _through(shares: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
+    """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
+    if is_timed:
+        return _at_rest(shares, points)
+    way = make_interp_spline(shares, points, k=min(3, len(points) - 1))
+    s = np.linspace(0.0, 1.0, _SAMPLES + 1)
+    sigma = np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)
+    return _at_rest(s, way(sigma))
+
+
+def _at_rest(s: FloatArray, points: FloatArray) -> BSpline:
+    """The spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
+    still = np.zeros(points.shape[1])
+    return make_interp_spline(s, points, k=5, bc_type=([(1, still), (2, still)], [(1, still), (2, still)]))
+
+
+def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
+    from scipy.spatial.transform import Rotation
+
+    position, rotation = table.poses(robot)
+    shares, s = _shares(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
+    spline = _through(shares, position, times is not None)
+    turned = None
+    if rotation is not None:
+        first = Rotation.from_matrix(rotation[0])
+        vectors = (first.inv() * Rotation.from_matrix(rotation)).as_rotvec()
+        turning = _through(shares, vectors, times is not None)
+        turned = (first * Rotation.from_rotvec(turning(s))).as_matrix()
+    angles, reached = follow_path(robot, frame, spline(s), turned)
+    if not reached.all():
+        share = float(s[int(np.argmin(reached))])
+        row = min(int(np.searchsorted(shares, share)), len(shares) - 1)
+        place = ", ".join(f"{value:.4g}" for value in spline(share))
+        raise DataError(
+            f"{table.path}:{table.lines[row]}: on the way to this pose, at ({place}) m, frame {frame} is out of reach "
+            "within the limits of the joints; move the path, or widen robot.bodies.joints.limits.angle"
+        )
+    _check_limits(table, angles, robot)
+    return _at_rest(s, angles)
+
+
+def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
+    """DataError for the first row (of a table of joints) or angle (of poses) beyond the limits of a driven joint."""
+    low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
+    for row, joint in np.argwhere((angles < low - 1e-9) | (angles > high + 1e-9)).tolist():
+        line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
+        name, unit = robot.driven[joint].name, robot.driven[joint].unit
+        raise DataError(
+            f"{table.path}:{line}: joint {name} at {angles[row, joint]:.4g} {unit} is beyond its limits "
+            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; the column takes degrees where it is named `{name} deg`"
+        )
+
+
+def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
+    """The move of the joints from angles (n_u,) to others; StudyError where they are the same."""
+    points = np.stack([start, end])
+    if not np.any(np.diff(points, axis=0)):
+        raise StudyError("a move from a posture to the same posture has nothing to follow; give another end")
+    return Move(_through(np.array([0.0, 1.0]), points, False), duration)

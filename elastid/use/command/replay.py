@@ -1,0 +1,134 @@
+r"""A robot along given references in the loops of its drives, simulated forwards, and the error of its tool.
+
+.. math:: u = u_{ff} + k_p (q_{ref} - q_m) + k_d (\dot q_{ref} - \dot q_m)
+
+The nonlinear elastic model with friction, sampled loops, torques clipped at their limits. Numbers of the robot may
+change from run to run, so that draws of what a fit knows are judged by one function.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.errors import StudyError
+from elastid.experiment.simulated.hardware import drives
+from elastid.experiment.simulated.plant import MAX_SUBSTEPS
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.elastic import ElasticModel
+from elastid.model.kinematics import frame_poses
+from elastid.record import Configuration
+from elastid.robot import Robot
+from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
+from elastid.simulation.controller import Gains
+from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
+from elastid.use.command.limits import References
+
+SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
+DAMPING_RATIO = 0.7  # of the loops of the drives
+_STATIC_S = 0.1  # at the end of it, whose mean is the static error
+
+
+@frozen_value
+class Outcome:
+    """Error of the tool along a move, m: over time (N,), and in figures.
+
+    largest, rms: within the move.  static: distance from the path's end after it.  residual: largest distance from
+    there after the move.  torque (n_u,): largest of the drives, link side.  low, high (N,): 95 % of draws, or None.
+    """
+
+    name: str
+    error: FloatArray = labelled("distance of the tool from its path", "m", "time_s")
+    low: FloatArray | None = labelled("lower end of 95 % of draws", "m", "time_s")
+    high: FloatArray | None = labelled("upper end of 95 % of draws", "m", "time_s")
+    largest: float = labelled("largest error in the move", "m")
+    rms: float = labelled("rms error in the move", "m")
+    static: float = labelled("error at rest after the move", "m")
+    residual: float = labelled("largest vibration after the move", "m")
+    torque: FloatArray = labelled("largest torque of each motor, link side", "N*m", "joints")
+
+
+@dataclass(frozen=True, eq=False)
+class TwinLoop:
+    """A robot in the loops of its drives, its numbers given run by run."""
+
+    robot: Robot
+    model: ElasticModel
+    loop: ClosedLoop
+    gains: Gains
+    frame: str
+
+    @classmethod
+    def of(
+        cls, robot: Robot, model: ElasticModel, frame: str, gains: Gains, rate_hz: float, samples: int = 0,
+        *, clips: bool = False,
+    ) -> TwinLoop:  # fmt: skip
+        """Of a robot with `model`; samples: about how many will be simulated; clips: torques at their limits.
+
+        StudyError for poles that are too fast.
+
+        The steps are short enough for its fastest pole in the start posture, with a fifth to spare for draws.
+        """
+        placed = contacts(model, frictions(robot))
+        q = np.zeros(model.n_q)
+        start = np.array([joint.start for joint in robot.driven])
+        q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
+        rate = 1.2 * fastest_rate(model, placed, q)
+        substeps = max(1, int(np.ceil(rate / rate_hz / MAX_STEP_RATE)))
+        if substeps > MAX_SUBSTEPS:
+            raise StudyError(
+                f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction "
+                f"at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
+                "affordable; raise --rate"
+            )
+        clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
+        hardware = drives(robot, 0, (), (), clips)
+        limits = np.tile([-np.inf, np.inf], (model.n_u, 1))
+        loop = closed_loop(model, placed, limits, rate_hz, substeps, hardware, samples, of_numbers=True)
+        return cls(robot, model, loop, gains, frame)
+
+    def theta_of(self, robot: Robot) -> FloatArray:
+        """The numbers (n_theta,) of a robot of this kind."""
+        table = robot.parameters()
+        return np.array([table[name][0] for name in self.model.parameters])
+
+    def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
+        """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
+
+        DataError where a motor is lost, StudyError where it finds no rest at the start.
+        """
+        theta = self.theta_of(robot or self.robot)
+        rest = equilibrium(self.model, theta, Configuration("start", references.position[0])).q
+        # As the loop differentiates what it reads, so that its torque is of the error alone.
+        velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
+        none = np.zeros_like(velocity)
+        commands = Commands(references.position, velocity, references.torque, none, none)
+        moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
+        return moved.q, moved.u
+
+    def error(self, q: FloatArray, target: FloatArray) -> FloatArray:
+        """Distance (N,) of the tool at q (N, n_q) from where it should be (N, 3)."""
+        at = frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame).position
+        return np.asarray(np.linalg.norm(at - target, axis=1))
+
+    def outcome(
+        self, name: str, references: References, target: FloatArray, end_s: float, robot: Robot | None = None
+    ) -> Outcome:
+        """The error from target (N, 3) of a move that ends at end_s."""
+        q, torque = self.follow(references, robot)
+        at = frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame).position - target
+        error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
+        static = at[-max(1, round(_STATIC_S * references.rate_hz)) :].mean(axis=0)
+        residual = np.linalg.norm(at[after] - static, axis=1).max(initial=0.0)
+        within = error[~after]
+        figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))
+        return Outcome(name, error, None, None, *figures, float(residual), np.abs(torque).max(axis=0))
+
+
+def with_band(outcome: Outcome, errors: FloatArray) -> Outcome:
+    """The same with 95 % of errors (D, N) of draws."""
+    low, high = np.quantile(errors, [0.025, 0.975], axis=0)
+    return replace(outcome, low=low, high=high)

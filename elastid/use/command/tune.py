@@ -1,0 +1,230 @@
+"""A tuned move: references of the motors with torque feedforward, within limits, held against twins and draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.errors import DataError
+from elastid.base.execution import Progress, silent
+from elastid.model.formulation import formulate
+from elastid.robot import Robot
+from elastid.simulation.controller import Gains, tune
+from elastid.use.command.collocation import Planned
+from elastid.use.command.equations import CommandedRobot
+from elastid.use.command.limits import KINDS, MotionLimits, References
+from elastid.use.command.moves import Move
+from elastid.use.command.plans import (
+    best_plan,
+    first_duration,
+    margin_of,
+    obstacle,
+    require_ends,
+    shortest,
+)
+from elastid.use.command.references import rigid_references, sampled
+from elastid.use.command.replay import DAMPING_RATIO, SETTLING_S, Outcome, TwinLoop, with_band
+
+RIGID, CATALOGUE, IDENTIFIED = "rigid feedforward", "elastic, catalogue", "elastic, identified"
+PASSES = 5  # of plans whose bounds come nearer until their samples, and draws, keep the limits
+_SPARE = 0.998  # of a bound that was narrowed
+
+
+@frozen_value
+class TunedMove:
+    """References of the motors `joints` over time, link side, and how the tool follows with them.
+
+    duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
+    target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
+    with.  limits: of KINDS (4, n_u), and angles (2, n_u), infinite where there is none.  outcomes: on the twin `judge`.
+    draws: of the fit, on which torques and velocities keep the limits as well; most (4, n_u): of KINDS on them.
+    """
+
+    name: str
+    frame: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    judge: str
+    bandwidth_hz: float
+    duration: float = labelled("duration of the move", "s")
+    margin_s: float = labelled("time before and after the move", "s")
+    time_s: FloatArray = labelled("time from the start of the move", "s")
+    position: FloatArray = labelled("reference of each motor", "rad", "time_s joints")
+    velocity: FloatArray = labelled("its velocity", "rad/s", "time_s joints")
+    acceleration: FloatArray = labelled("its acceleration", "rad/s^2", "time_s joints")
+    jerk: FloatArray = labelled("its jerk", "rad/s^3", "time_s joints")
+    torque: FloatArray = labelled("feedforward, held to the next sample", "N*m", "time_s joints")
+    target: FloatArray = labelled("path of the frame", "m", "time_s axis")
+    planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
+    limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
+    angles: FloatArray = labelled("lowest and highest position", "rad", "end joints")
+    outcomes: tuple[Outcome, ...]
+    draws: int
+    most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
+    advice: str = ""
+
+    @property
+    def references(self) -> References:
+        """As the drives take them."""
+        return References(self.time_s, self.position, self.velocity, self.acceleration, self.jerk, self.torque)
+
+    @property
+    def motion_limits(self) -> MotionLimits:
+        """As a value."""
+        return MotionLimits(self.angles.T, *self.limits)
+
+    def __getitem__(self, name: str) -> Outcome:
+        """An outcome by its name."""
+        return {each.name: each for each in self.outcomes}[name]
+
+
+@dataclass(frozen=True)
+class Given:
+    """Robots of a move: as identified, as in the catalogue, the one to judge by with its name, and draws.
+
+    bandwidth_hz: of the loops of the drives, rate_hz of their references.  error_m: that the tool may have.
+    """
+
+    identified: Robot
+    catalogue: Robot
+    judge: Robot
+    judge_name: str
+    draws: Sequence[Robot]
+    frame: str
+    rate_hz: float
+    bandwidth_hz: float
+    error_m: float
+
+
+def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+    """The references of a move and its outcomes; a move without a duration takes the shortest time.
+
+    DataError where no motion keeps the limits, or none is as exact as it should be in any time.
+    """
+    commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
+    limits, margin_s = MotionLimits.of(given.identified), margin_of(commanded, move)
+    require_ends(commanded, move, limits)
+    if not move.duration:
+        begun = move.in_time(first_duration(commanded, move, limits))
+        fastest = shortest(commanded, begun, _spared(limits), margin_s, given.error_m)
+        if fastest is None:
+            raise DataError(
+                f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time from {begun.duration:.3g} s "
+                "on; raise --error, or move the path away from limits and singular postures"
+            )
+        move = fastest
+    gains = tune(commanded.model, commanded.rigid_posture(move.ends[0]), given.bandwidth_hz, DAMPING_RATIO)
+    drawn = _within_limits(given, commanded, move, limits, margin_s, gains, progress)
+    outcomes = _outcomes(given, commanded, move, drawn, gains, margin_s)
+    return _tuned(given, name, commanded, move, drawn, outcomes, margin_s, limits)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A plan that keeps the limits on draws: references, path (N, 3), errors (D, N) and largest torque (n_u,) there."""
+
+    planned: Planned
+    references: References
+    target: FloatArray
+    errors: FloatArray
+    most: FloatArray
+
+
+def _spared(limits: MotionLimits) -> MotionLimits:
+    return limits.narrowed({kind: np.full(len(limits.torque), _SPARE**2) for kind in KINDS})
+
+
+def _within_limits(
+    given: Given, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, gains: Gains,
+    progress: Progress,
+) -> _Drawn:  # fmt: skip
+    """Plans whose bounds are narrowed where samples between knots, or draws with their feedback, go beyond them."""
+    n = len(given.draws)
+    samples = round((move.duration + 2 * margin_s + SETTLING_S) * given.rate_hz) * n
+    own = TwinLoop.of(given.identified, commanded.model, given.frame, gains, given.rate_hz, samples)
+    narrowed = limits
+    for attempt in range(PASSES):
+        progress(attempt * (n + 1), PASSES * (n + 1))
+        planned = best_plan(commanded, move, narrowed, margin_s)
+        if not planned.is_feasible:
+            raise DataError(_refusal(given, commanded, move, limits, margin_s))
+        references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
+        target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
+        used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
+        errors, most = [], np.abs(references.torque).max(axis=0)
+        for i, robot in enumerate(given.draws):
+            q, torque = own.follow(references, robot)
+            errors.append(own.error(q, target))
+            most = np.maximum(most, np.abs(torque).max(axis=0))
+            velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
+            used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
+            progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
+        used["torque"] = np.maximum(used["torque"], most / limits.torque)
+        if all(np.all(part <= 1.0) for part in used.values()):
+            return _Drawn(planned, references, target, np.array(errors), most)
+        narrowed = narrowed.narrowed(
+            {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+        )
+    kind = max(used, key=lambda each: float(used[each].max()))
+    joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
+    raise DataError(
+        f"no plan keeps the {kind} limit of joint {joint} on {n} draws of the fit: the last takes "
+        f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback takes it"
+    )
+
+
+def _refusal(given: Given, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> str:
+    """Why a move cannot be made in its time, and the time in which it can."""
+    can = shortest(commanded, move, _spared(limits), margin_s, given.error_m)
+    advice = (
+        "in no time that was tried" if can is None else f"in {can.duration:.3g} s it can: --time {can.duration:.3g}"
+    )
+    return f"no motion within the limits makes the move in {move.duration:.4g} s; {advice}"
+
+
+def _outcomes(
+    given: Given, commanded: CommandedRobot, move: Move, drawn: _Drawn, gains: Gains, margin_s: float
+) -> tuple[Outcome, ...]:
+    """Rigid feedforward, catalogue and identified stiffness on the robot to judge by."""
+    references, target = drawn.references, drawn.target
+    samples = 3 * len(references.time_s)
+    model = commanded.model if given.judge is given.identified else formulate(given.judge, commanded.spec)
+    judge = TwinLoop.of(given.judge, model, given.frame, gains, given.rate_hz, samples, clips=True)
+    of_catalogue = CommandedRobot.of(given.catalogue, given.frame, move.ends[0], commanded.spec)
+    rigid = rigid_references(given.catalogue, of_catalogue, move, references.time_s)
+    elastic = best_plan(of_catalogue, move, MotionLimits.of(given.catalogue), margin_s)
+    commands = {
+        RIGID: rigid,
+        CATALOGUE: sampled(of_catalogue, elastic, given.rate_hz, SETTLING_S),
+        IDENTIFIED: references,
+    }
+    outcomes = [judge.outcome(name, each, target, move.duration) for name, each in commands.items()]
+    if len(drawn.errors):
+        outcomes[-1] = with_band(outcomes[-1], drawn.errors)
+    return tuple(outcomes)
+
+
+def _tuned(
+    given: Given, name: str, commanded: CommandedRobot, move: Move, drawn: _Drawn, outcomes: tuple[Outcome, ...],
+    margin_s: float, limits: MotionLimits,
+) -> TunedMove:  # fmt: skip
+    r = drawn.references
+    low, high = drawn.planned.q.t[0], drawn.planned.q.t[-1]
+    planned = commanded.poses(drawn.planned.q(np.clip(r.time_s, low, high))).position
+    error = np.linalg.norm(planned - drawn.target, axis=1)
+    advice = ""
+    if error.max() > given.error_m:
+        advice = obstacle(commanded, move, limits, drawn.planned, error, given.rate_hz)
+        can = shortest(commanded, move, _spared(limits), margin_s, given.error_m)
+        if can is not None:
+            advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"
+    joints = commanded.robot.driven
+    return TunedMove(
+        name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
+        given.judge_name, given.bandwidth_hz, move.duration, margin_s, r.time_s, r.position, r.velocity,
+        r.acceleration, r.jerk, r.torque, drawn.target, error, np.array([getattr(limits, kind) for kind in KINDS]),
+        limits.angle.T, outcomes, len(given.draws), drawn.most, advice,
+    )  # fmt: skip
