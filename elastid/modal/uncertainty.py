@@ -1,0 +1,125 @@
+r"""Covariance of poles, residues and shapes: each is linear in the errors of the response, whose scatter is that seen.
+
+With the influence I_k of line k on a number, and residuals normalised by the stated variance,
+
+.. math:: \mathrm{var} = \frac{1}{2} \sum_k \sum_l \rho_{k-l}\, I_k^H C_k I_l, \qquad
+          C_k = \mathrm{mean}_{l \approx k}\, \epsilon_l \epsilon_l^H
+
+so that elements with noise in common, and a model that does not fit, widen the intervals.  rho: correlation of lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.modal.basis import unstacked
+from elastid.modal.model import ModalFit
+
+# Lines to either side over which residuals are averaged.
+AVERAGED_LINES = 40
+
+
+@dataclass(frozen=True)
+class Influences:
+    """Of a fit: what an error of each line does to its numbers."""
+
+    fit: ModalFit
+    correlated_lines: float
+
+    def covariance(self, influence: ComplexArray) -> FloatArray:
+        """Covariance (p, p) of p real numbers by their influence (p, F, C) on weighted complex errors."""
+        power = np.sum(np.abs(influence) ** 2, axis=(0, 2))
+        # Lines that matter; most of a pole's influence is within its half widths.
+        used = np.flatnonzero(power > 1e-7 * power.max())
+        low, high = int(used[0]), int(used[-1]) + 1
+        F, residual = len(self._normalised), self._normalised
+        scaled = influence[:, low:high] * np.sqrt(self.fit.data.variance[low:high])
+        total = np.zeros((len(influence), len(influence)))
+        half = min(AVERAGED_LINES, F // 2)
+        shifts = range(-half, half + 1)
+        for shift in shifts:
+            # t (p, F): errors of the number if line k had the residuals of line k + shift; reflected at the ends.
+            index = np.arange(low, high) + shift
+            index = np.where(index < 0, -index - 1, index)
+            index = np.where(index >= F, 2 * F - index - 1, index)
+            t = np.stack([np.sum(each.conj() * residual[index], axis=1) for each in scaled])
+            total += 0.5 * (t @ t.conj().T).real
+        return total / len(shifts) * self._line_factor(scaled)
+
+    def _line_factor(self, influence: ComplexArray) -> float:
+        """Variance with correlated lines over that without, by a triangular correlation of the stated sum."""
+        c = self.correlated_lines
+        if c <= 1:
+            return 1.0
+        own = float(np.sum(np.abs(influence) ** 2))
+        factor = 1.0
+        for lag in range(1, int(np.ceil(c))):
+            if lag >= influence.shape[1]:
+                break
+            product = float(np.vdot(influence[:, :-lag], influence[:, lag:]).real)
+            factor += 2 * (1 - lag / c) * product / own
+        return max(factor, 1.0)
+
+    @cached_property
+    def _normalised(self) -> ComplexArray:
+        """Residuals (F, C) over their stated standard deviation, as large as they were before the fit took its part."""
+        fit = self.fit
+        leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
+        leverage = leverage + self._pole_leverage()
+        free = np.maximum(1 - leverage, 0.1)
+        return np.asarray(unstacked(fit.residual) / np.sqrt(fit.data.variance * free[:, None]))
+
+    def _pole_leverage(self) -> FloatArray:
+        """Part (F,) of each line in the fit of the poles, over all elements."""
+        fit, n = self.fit, len(self.fit.poles)
+        if not n:
+            return np.zeros(len(fit.data.weight))
+        a = fit.coefficients[: 2 * n].reshape(n, 2, -1)
+        energy = np.einsum("ric,ric->r", a, a)
+        slopes = np.abs(unstacked(fit.free_slopes)) ** 2
+        own = slopes.reshape(len(slopes), n, 2).sum(axis=2)
+        share = own / np.maximum(own.sum(axis=0), 1e-300)
+        # Two real parameters a pole of 2 C real rows a line.
+        return np.asarray(share @ (energy > 0) / a.shape[2])
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return np.asarray(np.linalg.pinv(self.fit.information, rcond=1e-14, hermitian=True))
+
+    def of_pole(self, r: int) -> ComplexArray:
+        """Influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
+        fit, n = self.fit, len(self.fit.poles)
+        b = fit.directions
+        rows = self._inverse[2 * r : 2 * r + 2].reshape(2, n, 2)
+        weights = np.einsum("pnq,nqic->pnic", rows, b).reshape(2, 2 * n, -1)
+        slopes = unstacked(fit.free_slopes)
+        return np.stack([slopes @ each for each in weights])
+
+    def pole_covariance(self, r: int) -> FloatArray:
+        """(2, 2) of Re and Im of a pole, over the frequency scale."""
+        return self.covariance(self.of_pole(r))
+
+    def residue_std(self, r: int) -> FloatArray:
+        """Standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.
+
+        That at the pole as it is, and that by the pole, whose errors move all elements together.
+        """
+        fit = self.fit
+        rows = slice(2 * r, 2 * r + 2)
+        Q, R, norms = fit.factors
+        pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
+        power = np.abs(unstacked(pair.T)) ** 2  # (F, 2)
+        local = np.einsum("fp,fc->c", power, np.abs(self._normalised) ** 2 * fit.data.variance) / 2
+        level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
+        slope = np.stack([np.linalg.lstsq(R, Q.T @ d, rcond=1e-12)[0] / norms for d in self._derivative(r).T])
+        b, C = fit.directions[r], self.pole_covariance(r)
+        # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
+        moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
+        return np.asarray(np.sqrt(level + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
+
+    def _derivative(self, r: int) -> FloatArray:
+        return self.fit.data.columns(self.fit.poles[[r]], derivative=True)
