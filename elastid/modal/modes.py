@@ -22,9 +22,9 @@ from elastid.base.display import Display, as_html, as_text, digits, number, perc
 from elastid.base.errors import DataError, check_kind
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.modal.basis import Basis
+from elastid.modal.basis import Basis, unstacked
 from elastid.modal.model import ModalData, ModalFit
-from elastid.modal.noise import line_variance, normalised_differences
+from elastid.modal.noise import floored, has_variance, line_variance, normalised_differences, smoothed
 from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
 from elastid.modal.selection import Noise, eliminated, p_values, pursued, residual_peaks
 from elastid.modal.shapes import mode_indicators, phase_collinearity, turned
@@ -50,6 +50,7 @@ class ModeLimits:
 
 
 LIMITS = ModeLimits()
+NO_POLES: ComplexArray = np.empty(0, complex)
 
 
 @frozen_value
@@ -156,6 +157,10 @@ def estimate_modes(
     )
     stable, counts = clusters(orders)
     fit = _fitted(data, stable / data.basis.scale, noise, poles_hz)
+    if not has_variance(response):
+        for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
+            data, noise = modal_data(response, _residual_variance(response, fit))
+            fit = _fitted(data, stable / data.basis.scale, noise, poles_hz, fit.poles)
     return _modes(response, fit, noise, (stable, counts), stabilisation(orders), exponential_s, poles_hz is not None)
 
 
@@ -188,9 +193,17 @@ def _reached(response: FrequencyResponse) -> BoolArray:
     return np.asarray((force > LIMITS.input_share * force.max()) & (coherence > LIMITS.coherence))
 
 
-def modal_data(response: FrequencyResponse) -> tuple[ModalData, Noise]:
-    """The response as weighted columns, and its noise."""
-    variance = line_variance(response)
+def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray:
+    """Variance (F, n_y, n_u) by what a model leaves of the lines, smooth along frequency."""
+    power = np.abs(response.G) ** 2
+    model = fit.synthesis().reshape(response.G.shape)
+    free = np.maximum(1 - np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
+    return floored(smoothed(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
+
+
+def modal_data(response: FrequencyResponse, variance: FloatArray | None = None) -> tuple[ModalData, Noise]:
+    """The response as weighted columns, and its noise; variance: by default that stated, or by neighbouring lines."""
+    variance = line_variance(response) if variance is None else variance
     data = ModalData.of(Basis.of(response), response.G, variance)
     differences = normalised_differences(response.freq_hz, response.G, variance)
     return data, Noise.of(differences, response.correlated_lines)
@@ -209,12 +222,16 @@ def _default_order(response: FrequencyResponse) -> int:
 
 
 def _fitted(
-    data: ModalData, candidates: ComplexArray, noise: Noise, poles_hz: Sequence[float] | None
+    data: ModalData,
+    candidates: ComplexArray,
+    noise: Noise,
+    poles_hz: Sequence[float] | None,
+    start: ComplexArray = NO_POLES,
 ) -> ModalFit:
-    empty = ModalFit(data, np.empty(0, complex))
+    """The chosen poles, refined; else those that noise has not by chance, from `start` on."""
     if poles_hz is not None:
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
-    fit = pursued(empty, candidates, noise)
+    fit = pursued(ModalFit(data, start).refined(), candidates, noise)
     for _ in range(3):
         more = pursued(fit, residual_peaks(fit), noise)
         if len(more.poles) == len(fit.poles):

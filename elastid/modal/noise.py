@@ -14,12 +14,17 @@ import math
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.optimize import nnls
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.response import FrequencyResponse
 
 # Lines of a median of differences, and of a mean of stated variances or of residuals.
 DIFFERENCE_LINES, MEAN_LINES = 41, 41
+# Stated variances of more degrees of freedom are taken as they are.
+MANY_DOF = 1000.0
+# Of a line's variance over its smooth level, so that single lines do not make that of their neighbours.
+MAX_RATIO = 100.0
 # Of |G|^2: errors of the model itself (rounding of files, noise that bends windows) below it are no signal.
 MIN_RELATIVE_VARIANCE = 1e-12
 
@@ -30,12 +35,23 @@ def line_variance(response: FrequencyResponse) -> FloatArray:
     covariance = response.uncertainty
     if response.window and response.noise is not None:
         covariance = response.noise
-    if covariance is None or not np.any(covariance.variance > 0):
-        variance = by_differences(response.freq_hz, response.G)
-    elif np.isinf(covariance.dof):
+    if covariance is None or not has_variance(response):
+        return floored(by_differences(response.freq_hz, response.G), power)
+    elif covariance.dof > MANY_DOF:
         variance = covariance.variance
     else:
-        variance = smoothed(covariance.variance, power, covariance.dof)
+        variance = smoothed(covariance.variance, power)
+    return floored(variance, power)
+
+
+def has_variance(response: FrequencyResponse) -> bool:
+    """True where the response states its noise."""
+    covariance = response.uncertainty
+    return covariance is not None and bool(np.any(covariance.variance > 0))
+
+
+def floored(variance: FloatArray, power: FloatArray) -> FloatArray:
+    """The variance, positive: at least that of rounding."""
     mean = power.mean(axis=0)
     floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
     return np.asarray(np.maximum(variance, floor))
@@ -64,16 +80,21 @@ def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
     return np.asarray(np.einsum("ki,k...i->k...", c, np.lib.stride_tricks.sliding_window_view(G, 5, axis=0)))
 
 
-def smoothed(variance: FloatArray, power: FloatArray, dof: float) -> FloatArray:
-    """Stated variances (F, ...) of few degrees of freedom, their ratio to |G|^2 + local mean averaged over lines."""
-    lines = int(np.clip(round(200 / max(dof, 1.0)), 1, MEAN_LINES)) | 1
-    if lines == 1 or len(variance) < 3:
-        return variance
-    size = min(lines, len(variance))
-    level = power + power.mean(axis=0) * 1e-6 + np.finfo(float).tiny
-    relative = uniform_filter1d(variance / level, size, axis=0, mode="nearest") * level
-    absolute = uniform_filter1d(variance, size, axis=0, mode="nearest")
-    # Noise of the outputs does not follow |G|, noise of the inputs does: whichever scatters less from line to line.
-    by = [np.mean(np.abs(np.log(variance + tiny) - np.log(each + tiny)), axis=0) for tiny in (1e-300,)
-          for each in (relative, absolute)]  # fmt: skip
-    return np.where(by[0] < by[1], relative, absolute)
+def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
+    """Variances (F, n_y, n_u) of few degrees of freedom as (a + b |G|^2) c: a by outputs, b by inputs, c a local mean.
+
+    a, b >= 0 of each element by least squares relative to their sum; single variances would weigh lines by chance.
+    """
+    F, size = len(variance), min(MEAN_LINES, len(variance))
+    v, p = variance.reshape(F, -1), power.reshape(F, -1)
+    level = np.empty(v.shape)
+    for c in range(v.shape[1]):
+        mean = max(float(v[:, c].mean()), np.finfo(float).tiny)
+        columns = np.stack([np.full(F, mean), p[:, c] * mean / max(float(p[:, c].mean()), np.finfo(float).tiny)], axis=1)
+        own = np.full(F, mean)
+        for _ in range(5):
+            share, _ = nnls(columns / own[:, None], v[:, c] / own)
+            own = columns @ share + 1e-9 * mean
+        level[:, c] = own
+    local = uniform_filter1d(np.minimum(v / level, MAX_RATIO), size, axis=0, mode="nearest")
+    return np.asarray((level * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))

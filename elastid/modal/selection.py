@@ -90,6 +90,17 @@ def own_drops(fit: ModalFit) -> FloatArray:
     return np.einsum("ric,rij,rjc->r", coefficients, np.linalg.pinv(covariance), coefficients, optimize=True)
 
 
+def lone_shares(fit: ModalFit) -> FloatArray:
+    """Share (n,) of the line with the most in the power of each pole by itself: near 1 for a pole on a single line."""
+    n = len(fit.poles)
+    Q, R, norms = fit.factors
+    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n]
+    # The part of a pole's columns that the others do not have.
+    free = unstacked(Q @ rows.T).reshape(-1, n, 2)
+    power = np.sum(np.abs(free) ** 2, axis=2)
+    return np.asarray(power.max(axis=0) / power.sum(axis=0))
+
+
 def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """s^2 (n,) of complex residuals per element about each pole, at least 1, and the lines (n,) that it is from."""
     F, basis = len(fit.data.weight), fit.data.basis
@@ -114,7 +125,10 @@ def p_values(fit: ModalFit, noise: Noise) -> FloatArray:
     s_r, n_r = levels(fit)
     drop, C, trials = own_drops(fit), fit.data.y.shape[1], LIMITS.trials_per_line * len(fit.data.weight)
     limits = [p_value(float(d), C, float(s), float(n), noise, trials) for d, s, n in zip(drop, s_r, n_r, strict=True)]
-    return np.array(limits)
+    # An outlier is a pole on one line: without it, none is left.
+    rest = drop * (1 - lone_shares(fit))
+    others = [p_value(float(d), C, float(s), float(n), noise, 1.0) for d, s, n in zip(rest, s_r, n_r, strict=True)]
+    return np.maximum(limits, others)
 
 
 def pursued(fit: ModalFit, candidates: ComplexArray, noise: Noise) -> ModalFit:

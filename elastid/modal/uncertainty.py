@@ -1,6 +1,6 @@
 r"""Covariance of poles, residues and shapes: each is linear in the errors of the response, whose scatter is that seen.
 
-With the influence I_k of line k on a number, and residuals normalised by the stated variance,
+With the influence I_k of line k on a number, and residuals relative to the stated standard deviation and the phase of G,
 
 .. math:: \mathrm{var} = \frac{1}{2} \sum_k \sum_l \rho_{k-l}\, I_k^H C_k I_l, \qquad
           C_k = \mathrm{mean}_{l \approx k}\, \epsilon_l \epsilon_l^H
@@ -20,7 +20,7 @@ from elastid.modal.basis import unstacked
 from elastid.modal.model import ModalFit
 
 # Lines to either side over which residuals are averaged.
-AVERAGED_LINES = 40
+AVERAGED_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Influences:
         used = np.flatnonzero(power > 1e-7 * power.max())
         low, high = int(used[0]), int(used[-1]) + 1
         F, residual = len(self._normalised), self._normalised
-        scaled = influence[:, low:high] * np.sqrt(self.fit.data.variance[low:high])
+        scaled = influence[:, low:high] * np.sqrt(self.fit.data.variance[low:high]) * self._phase.conj()[low:high]
         total = np.zeros((len(influence), len(influence)))
         half = min(AVERAGED_LINES, F // 2)
         shifts = range(-half, half + 1)
@@ -71,7 +71,13 @@ class Influences:
         leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
         leverage = leverage + self._pole_leverage()
         free = np.maximum(1 - leverage, 0.1)
-        return np.asarray(unstacked(fit.residual) / np.sqrt(fit.data.variance * free[:, None]))
+        return np.asarray(unstacked(fit.residual) / np.sqrt(fit.data.variance * free[:, None]) * self._phase.conj())
+
+    @cached_property
+    def _phase(self) -> ComplexArray:
+        """Of the model (F, C): noise of an input turns with it from line to line, in all outputs alike."""
+        model = self.fit.synthesis()
+        return np.asarray(model / np.maximum(np.abs(model), np.finfo(float).tiny))
 
     def _pole_leverage(self) -> FloatArray:
         """Part (F,) of each line in the fit of the poles, over all elements."""
