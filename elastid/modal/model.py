@@ -94,9 +94,9 @@ class ModalFit:
         """y less the model (2 F, C)."""
         return np.asarray(self.data.y - self.Q @ (self.Q.T @ self.data.y))
 
-    @property
+    @cached_property
     def cost(self) -> float:
-        """Sum of squares."""
+        """Sum of squares of the residual."""
         return float(np.vdot(self.residual, self.residual))
 
     @property

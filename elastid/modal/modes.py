@@ -27,6 +27,7 @@ from elastid.modal.model import ModalData, ModalFit
 from elastid.modal.noise import floored, has_variance, line_variance, normalised_differences, smoothed
 from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
 from elastid.modal.selection import Noise, eliminated, p_values, pursued, residual_peaks
+from elastid.modal.spec import ModalSpec
 from elastid.modal.shapes import mode_indicators, phase_collinearity, turned
 from elastid.modal.uncertainty import Influences
 from elastid.response import FrequencyResponse
@@ -93,7 +94,6 @@ class Modes:
     @property
     def display(self) -> Display:
         """Frequency and damping of each mode with their intervals."""
-        unit = "Hz" if self.rate_is_known else "of the sampling rate"
         rows = []
         for f, f_std, zeta, zeta_std, mpc in zip(
             self.freq_hz, self.freq_std, self.zeta, self.zeta_std, self.collinearity, strict=True
@@ -101,8 +101,13 @@ class Modes:
             places, z_places = digits(f, f_std), digits(zeta, zeta_std)
             rows.append((number(f, places), number(QUANTILE_95 * f_std, 2), percent(zeta, z_places),
                          percent(QUANTILE_95 * zeta_std, 2), number(mpc, 3)))  # fmt: skip
-        head = (f"frequency in {unit}", "+- 95 %", "damping", "+- 95 %", "phase collinearity")
+        head = (f"frequency in {self.frequency_unit}", "+- 95 %", "damping", "+- 95 %", "phase collinearity")
         return Display(f"{len(rows)} modes of {self.configuration}", head, rows)
+
+    @property
+    def frequency_unit(self) -> str:
+        """Hz, or that of a response whose rate is unknown."""
+        return "Hz" if self.rate_is_known else "of the sampling rate"
 
     @property
     def n_modes(self) -> int:
@@ -162,6 +167,31 @@ def estimate_modes(
             data, noise = modal_data(response, _residual_variance(response, fit))
             fit = _fitted(data, stable / data.basis.scale, noise, poles_hz, fit.poles)
     return _modes(response, fit, noise, (stable, counts), stabilisation(orders), exponential_s, poles_hz is not None)
+
+
+def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
+    """The modes of each response as a study asks for them; none, with a note, of one with too few lines."""
+    return tuple(_modes_or_none(response, spec) for response in responses)
+
+
+def _modes_or_none(response: FrequencyResponse, spec: ModalSpec) -> Modes:
+    try:
+        return estimate_modes(response, spec.band_hz, spec.max_order, spec.poles_hz, spec.exponential)
+    except DataError as error:
+        return without_modes(response, Note("no-modes", str(error)))
+
+
+def without_modes(response: FrequencyResponse, note: Note) -> Modes:
+    """No mode, and why."""
+    n_y, n_u = len(response.outputs), len(response.inputs)
+    none, no_lines = np.empty(0), response.lines(np.zeros(response.n_lines, bool))
+    diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
+    return Modes(
+        response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
+        response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
+        np.empty((n_u, 0), complex), none, np.empty(0, int), none, no_lines.freq_hz, no_lines.G, none, none,
+        np.empty((0, min(n_y, n_u))), diagram, (note,),
+    )  # fmt: skip
 
 
 def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> FrequencyResponse:
@@ -266,7 +296,7 @@ def _modes(
     rows = []
     for r in np.argsort(np.abs(fit.poles)):
         pole = fit.poles[r] * scale
-        C = influences.pole_covariance(int(r)) * scale**2
+        C = influences.pole_covariances[r] * scale**2
         row = _row(response, fit, influences, int(r), pole + shift, C)
         if is_chosen or _is_mode(response, row):
             orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))

@@ -22,7 +22,7 @@ from elastid.response import FrequencyResponse
 # Lines of a median of differences, and of a mean of stated variances or of residuals.
 DIFFERENCE_LINES, MEAN_LINES = 41, 41
 # Stated variances of more degrees of freedom are taken as they are.
-MANY_DOF = 1000.0
+MANY_DOF = 15.0
 # Of a line's variance over its smooth level, so that single lines do not make that of their neighbours.
 MAX_RATIO = 100.0
 # Of |G|^2: errors of the model itself (rounding of files, noise that bends windows) below it are no signal.

@@ -21,6 +21,8 @@ from elastid.modal.model import ModalFit
 
 # Lines to either side over which residuals are averaged.
 AVERAGED_LINES = 20
+# Lags of their autocorrelation, in correlated lines.
+CORRELATION_LAGS = 2.0
 
 
 @dataclass(frozen=True)
@@ -34,35 +36,41 @@ class Influences:
         """Covariance (p, p) of p real numbers by their influence (p, F, C) on weighted complex errors."""
         power = np.sum(np.abs(influence) ** 2, axis=(0, 2))
         # Lines that matter; most of a pole's influence is within its half widths.
-        used = np.flatnonzero(power > 1e-7 * power.max())
+        used = np.flatnonzero(power > 1e-4 * power.max())
         low, high = int(used[0]), int(used[-1]) + 1
         F, residual = len(self._normalised), self._normalised
         scaled = influence[:, low:high] * np.sqrt(self.fit.data.variance[low:high]) * self._phase.conj()[low:high]
-        total = np.zeros((len(influence), len(influence)))
         half = min(AVERAGED_LINES, F // 2)
-        shifts = range(-half, half + 1)
+        # Row k + half of the residuals belongs to line k; reflected at the ends.
+        padded = np.pad(residual, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
+        total, shifts = np.zeros((len(influence), len(influence))), range(2 * half + 1)
         for shift in shifts:
-            # t (p, F): errors of the number if line k had the residuals of line k + shift; reflected at the ends.
-            index = np.arange(low, high) + shift
-            index = np.where(index < 0, -index - 1, index)
-            index = np.where(index >= F, 2 * F - index - 1, index)
-            t = np.stack([np.sum(each.conj() * residual[index], axis=1) for each in scaled])
+            # t (p, F): errors of the number if line k had the residuals of another line.
+            t = np.einsum("pkc,kc->pk", scaled.conj(), padded[shift : shift + high - low])
             total += 0.5 * (t @ t.conj().T).real
         return total / len(shifts) * self._line_factor(scaled)
 
     def _line_factor(self, influence: ComplexArray) -> float:
-        """Variance with correlated lines over that without, by a triangular correlation of the stated sum."""
-        c = self.correlated_lines
-        if c <= 1:
-            return 1.0
-        own = float(np.sum(np.abs(influence) ** 2))
-        factor = 1.0
-        for lag in range(1, int(np.ceil(c))):
-            if lag >= influence.shape[1]:
-                break
-            product = float(np.vdot(influence[:, :-lag], influence[:, lag:]).real)
-            factor += 2 * (1 - lag / c) * product / own
-        return max(factor, 1.0)
+        """Variance with correlated lines over that without, by the autocorrelation of the residuals."""
+        own, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
+        for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
+            product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / own
+            seen += 2 * (product * rho).real
+            stated += 2 * max(1 - lag / self.correlated_lines, 0.0) * product.real
+        # Leakage, most of the noise of segments at a resonance, is independent from line to line there; errors of local
+        # methods are not, though a fit takes their correlation out of the residuals.
+        return max(seen, 1.0 if self.fit.data.basis.correlation is not None else stated, 1.0)
+
+    @cached_property
+    def _autocorrelation(self) -> ComplexArray:
+        """rho (n,) at the lags 1, 2 ... over which lines are correlated as stated; none where they are not."""
+        if self.correlated_lines <= 1:
+            return np.empty(0, complex)
+        size = np.abs(self._normalised)
+        residual = self._normalised * np.minimum(1.0, 3.0 / np.maximum(size, 1e-300))
+        power = float(np.vdot(residual, residual).real)
+        lags = range(1, min(int(np.ceil(CORRELATION_LAGS * self.correlated_lines)), len(residual) // 4) + 1)
+        return np.array([np.vdot(residual[lag:], residual[:-lag]) / power for lag in lags])
 
     @cached_property
     def _normalised(self) -> ComplexArray:
@@ -105,9 +113,10 @@ class Influences:
         slopes = unstacked(fit.free_slopes)
         return np.stack([slopes @ each for each in weights])
 
-    def pole_covariance(self, r: int) -> FloatArray:
-        """(2, 2) of Re and Im of a pole, over the frequency scale."""
-        return self.covariance(self.of_pole(r))
+    @cached_property
+    def pole_covariances(self) -> tuple[FloatArray, ...]:
+        """(2, 2) of Re and Im of each pole, over the frequency scale."""
+        return tuple(self.covariance(self.of_pole(r)) for r in range(len(self.fit.poles)))
 
     def residue_std(self, r: int) -> FloatArray:
         """Standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.
@@ -122,7 +131,7 @@ class Influences:
         local = np.einsum("fp,fc->c", power, np.abs(self._normalised) ** 2 * fit.data.variance) / 2
         level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
         slope = np.stack([np.linalg.lstsq(R, Q.T @ d, rcond=1e-12)[0] / norms for d in self._derivative(r).T])
-        b, C = fit.directions[r], self.pole_covariance(r)
+        b, C = fit.directions[r], self.pole_covariances[r]
         # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
         moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
         return np.asarray(np.sqrt(level + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
