@@ -78,8 +78,8 @@ if TYPE_CHECKING:
     from elastid.linear.posture_model import JointLoop as JointLoop
     from elastid.linear.posture_model import PostureModel as PostureModel
     from elastid.linear.response.transfer import frequency_response as frequency_response
+    from elastid.modal.estimate import estimate_modes as estimate_modes
     from elastid.modal.modes import Modes as Modes
-    from elastid.modal.modes import estimate_modes as estimate_modes
     from elastid.modal.shapes import mac as mac
     from elastid.modal.state_space import StateSpace as StateSpace
     from elastid.modal.state_space import fit_state_space as fit_state_space
@@ -148,7 +148,8 @@ _NAMES = {
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
     "elastid.response": ("Covariance", "FrequencyResponse"),
-    "elastid.modal.modes": ("Modes", "estimate_modes"),
+    "elastid.modal.estimate": ("estimate_modes",),
+    "elastid.modal.modes": ("Modes",),
     "elastid.modal.shapes": ("mac",),
     "elastid.modal.state_space": ("StateSpace", "fit_state_space"),
     "elastid.model.spec": ("ModelSpec",),
@@ -173,7 +174,14 @@ _NAMES = {
     "elastid.friction_study.identify": ("identify_friction",),
     "elastid.friction_study.result": ("FrictionResult",),
     "elastid.store.friction_study": ("read_friction_result",),
-    "elastid.store.measured": ("read_plan", "read_records", "write_records", "read_responses", "write_responses", "read_modes"),
+    "elastid.store.measured": (
+        "read_plan",
+        "read_records",
+        "write_records",
+        "read_responses",
+        "write_responses",
+        "read_modes",
+    ),
     "elastid.store.results": ("read_fit", "write_fit", "read_validation"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

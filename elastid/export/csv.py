@@ -1,4 +1,4 @@
-"""Export to CSV: parameters, modes of a model or of measured responses, and a frequency response for each configuration.
+"""Export to CSV: parameters, modes of a model or of measured responses, a frequency response for each configuration.
 
 The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
 """
@@ -19,7 +19,8 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.modal.modes import Modes, modes_of_responses
+from elastid.modal.estimate import modes_of_responses
+from elastid.modal.modes import Modes
 from elastid.modal.spec import ModalSpec
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_rows

@@ -3,8 +3,8 @@ r"""Columns of a modal model along frequency: poles and the residuals of modes o
 .. math:: G(s) = \sum_r \left( \frac{R_r}{s - \lambda_r} + \frac{\bar R_r}{s - \bar\lambda_r} \right)
           + \sum_p C_p\, s^{k+p}, \quad s = j\omega,\ p = -2, -1, 0, 1, 2
 
-k: 0, 1, 2 for position, velocity, acceleration, so that p = -2 is the lower residual (a mass) and p = 0 the upper one (a
-compliance), and the others their next terms.  A response by Welch's method is smoothed by the window of its segments,
+k: 0, 1, 2 for position, velocity, acceleration, so that p = -2 is the lower residual (a mass), p = 0 the upper one (a
+compliance) and the others are their next terms.  A response by Welch's method is smoothed by the window of segments,
 
 .. math:: \frac{1}{s - \lambda} \to \int_0^T \rho_w(\tau)\, e^{(\lambda - j\omega) \tau} d\tau, \qquad
           \rho_w(\tau) = \frac{\int w(t)\, w(t + \tau)\, dt}{\int w^2(t)\, dt}

@@ -126,7 +126,7 @@ class ModalFit:
         b = self.directions
         blocks = np.einsum("rpic,sqjc->rpisqj", b, b, optimize=True)
         inner = inner.reshape(n, 2, n, 2)
-        return np.einsum("rpisqj,risj->rpsq", blocks, inner).reshape(2 * n, 2 * n)
+        return np.asarray(np.einsum("rpisqj,risj->rpsq", blocks, inner).reshape(2 * n, 2 * n))
 
     @property
     def gradient(self) -> FloatArray:
@@ -153,14 +153,14 @@ class ModalFit:
                 step = np.linalg.lstsq(information + damping * np.diag(diagonal), gradient, rcond=1e-14)[0]
                 # A pole moves by its own half width at most.
                 size = np.hypot(step[0::2], step[1::2]) / np.maximum(-fit.poles.real, 1e-12)
-                trial = fit.stepped(step / max(1.0, float(size.max())))
+                trial = fit.stepped(np.asarray(step / max(1.0, float(size.max()))))
                 if trial.cost <= fit.cost:
                     damping = max(damping / 10, 1e-10)
                     break
                 damping *= 10
                 if damping > 1e6:
                     return fit
-            gain = float(np.sqrt(max(step @ gradient, 0.0)))
+            gain = float(np.sqrt(max(float(step @ gradient), 0.0)))
             previous, fit = fit.cost, trial
             if gain < tolerance or previous - fit.cost < 1e-10 * previous:
                 break

@@ -37,11 +37,8 @@ def line_variance(response: FrequencyResponse) -> FloatArray:
         covariance = response.noise
     if covariance is None or not has_variance(response):
         return floored(by_differences(response.freq_hz, response.G), power)
-    elif covariance.dof > MANY_DOF:
-        variance = covariance.variance
-    else:
-        variance = smoothed(covariance.variance, power)
-    return floored(variance, power)
+    is_known = covariance.dof > MANY_DOF
+    return floored(covariance.variance if is_known else smoothed(covariance.variance, power), power)
 
 
 def has_variance(response: FrequencyResponse) -> bool:
@@ -90,7 +87,9 @@ def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
     level = np.empty(v.shape)
     for c in range(v.shape[1]):
         mean = max(float(v[:, c].mean()), np.finfo(float).tiny)
-        columns = np.stack([np.full(F, mean), p[:, c] * mean / max(float(p[:, c].mean()), np.finfo(float).tiny)], axis=1)
+        columns = np.stack(
+            [np.full(F, mean), p[:, c] * mean / max(float(p[:, c].mean()), np.finfo(float).tiny)], axis=1
+        )
         own = np.full(F, mean)
         for _ in range(5):
             share, _ = nnls(columns / own[:, None], v[:, c] / own)

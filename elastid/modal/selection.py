@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.modal.basis import unstacked
-from elastid.modal.model import ModalData, ModalFit
+from elastid.modal.model import ModalFit
 
 
 @dataclass(frozen=True)
@@ -82,18 +82,19 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 def own_drops(fit: ModalFit) -> FloatArray:
     """D (n,) by which the squares grow without each pole, the others where they are."""
     n = len(fit.poles)
-    Q, R, norms = fit.factors
+    _, R, norms = fit.factors
     inverse = np.linalg.pinv(R, rcond=1e-12)
     coefficients = (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)
     rows = inverse[: 2 * n].reshape(n, 2, -1)
     covariance = np.einsum("rik,rjk->rij", rows, rows)
-    return np.einsum("ric,rij,rjc->r", coefficients, np.linalg.pinv(covariance), coefficients, optimize=True)
+    inverse = np.linalg.pinv(covariance)
+    return np.asarray(np.einsum("ric,rij,rjc->r", coefficients, inverse, coefficients, optimize=True))
 
 
 def lone_shares(fit: ModalFit) -> FloatArray:
     """Share (n,) of the line with the most in the power of each pole by itself: near 1 for a pole on a single line."""
     n = len(fit.poles)
-    Q, R, norms = fit.factors
+    Q, R, _ = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n]
     # The part of a pole's columns that the others do not have.
     free = unstacked(Q @ rows.T).reshape(-1, n, 2)
@@ -122,6 +123,8 @@ def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
 
 def p_values(fit: ModalFit, noise: Noise) -> FloatArray:
     """The probability (n,) of each pole by chance, somewhere in the record."""
+    if not len(fit.poles):
+        return np.empty(0)
     s_r, n_r = levels(fit)
     drop, C, trials = own_drops(fit), fit.data.y.shape[1], LIMITS.trials_per_line * len(fit.data.weight)
     limits = [p_value(float(d), C, float(s), float(n), noise, trials) for d, s, n in zip(drop, s_r, n_r, strict=True)]

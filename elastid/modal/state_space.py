@@ -9,8 +9,10 @@ matrix,
           \begin{bmatrix} I \\ z I \\ \vdots \\ z^{q-1} I \end{bmatrix}, \qquad O = [C^T, (C A)^T, ...]^T
 
 so that A and C follow from singular vectors, unstable poles are mirrored, and B and D are by weighted least squares.
-The order is the lowest that predicts every second line, left out, about as well as any.  With one input or one output the poles are refined by
-nonlinear least squares.  (McKelvey, Akcay and Ljung, IEEE Trans. Automatic Control 41, 1996.)
+The order is the lowest that predicts every second line, left out, about as well as any.  With one input
+or one output the poles are refined by nonlinear least squares.
+
+(McKelvey, Akcay and Ljung, IEEE Trans. Automatic Control 41, 1996.)
 """
 
 from __future__ import annotations
@@ -89,8 +91,9 @@ def fit_state_space(
 ) -> StateSpace:
     """A stable state-space model of a response on its lines, or those in band_hz.
 
-    order: number of states; by default the lowest that predicts left-out lines about as well as any.  DataError for fewer than 16 lines,
-    ValueError for an order that so many lines do not determine.
+    order: number of states; by default the lowest that predicts left-out lines about as well as any.
+
+    DataError for fewer than 16 lines, ValueError for an order that so many lines do not determine.
     """
     check_kind(response, FrequencyResponse, "response", "FrequencyResponse.from_control(data, ...) makes one")
     keep = response.freq_hz > 0
@@ -118,7 +121,7 @@ def _predicting_order(response: FrequencyResponse, most: int) -> int:
     """By models of every second line and their errors on the others."""
     is_used = np.arange(response.n_lines) % 2 == 0
     half, others = _Fit.of(response.lines(is_used), min(most, int(is_used.sum()) // 4)), response.lines(~is_used)
-    s, variance = 2j * np.pi * others.freq_hz / half.alpha, line_variance(others)
+    s, variance = np.asarray(2j * np.pi * others.freq_hz / half.alpha), line_variance(others)
     costs = []
     for n in range(1, max(2, min(most, int(is_used.sum()) // 4) + 1)):
         A, C = half.observed(n)
@@ -145,7 +148,7 @@ class _Fit:
         G, omega = response.G, 2 * np.pi * response.freq_hz
         variance = line_variance(response)
         alpha = float(np.sqrt(omega[0] * omega[-1]))
-        s = 1j * omega / alpha
+        s = np.asarray(1j * omega / alpha)
         F, n_y, n_u = G.shape
         q = min(2 * most, max(2, F // 2)) + 1
         powers = ((1 + s) / (1 - s))[:, None] ** np.arange(q)
@@ -155,14 +158,15 @@ class _Fit:
         stacked_G = np.einsum("f,fq,fyu->qyfu", weight, powers, G).reshape(q * n_y, F * n_u)
         stacked_U = np.einsum("f,fq,uv->qufv", weight, powers, np.eye(n_u)).reshape(q * n_u, F * n_u)
         R = np.linalg.qr(np.concatenate([stacked(stacked_U.T), stacked(stacked_G.T)], axis=1), mode="r")
-        U, _, _ = np.linalg.svd(R[q * n_u :, q * n_u :].T)
+        own = np.asarray(R)[q * n_u :, q * n_u :].T
+        U, _, _ = np.linalg.svd(own)
         return cls(s, alpha, G, variance, U)
 
     def observed(self, n: int) -> tuple[FloatArray, FloatArray]:
         """A (n, n), over alpha, and C (n_y, n), continuous and stable."""
-        n_y, O = self.G.shape[1], self.U[:, :n]
-        A_z = np.linalg.lstsq(O[:-n_y], O[n_y:], rcond=None)[0]
-        C_z = O[:n_y]
+        n_y, observability = self.G.shape[1], self.U[:, :n]
+        A_z = np.linalg.lstsq(observability[:-n_y], observability[n_y:], rcond=None)[0]
+        C_z = observability[:n_y]
         # s = (z - 1) / (z + 1): the states' C of the bilinear map.
         inverse = np.linalg.pinv(np.eye(n) + A_z)
         A, C = inverse @ (A_z - np.eye(n)), np.sqrt(2) * C_z @ inverse
@@ -215,7 +219,7 @@ class _Fit:
 
     def _modal(self, poles: ComplexArray, n_real: int) -> tuple[FloatArray, FloatArray]:
         """A in blocks of the poles, and C by least squares through the dual: B of ones for one input."""
-        n_y, n_u = self.G.shape[1:]
+        n_y = self.G.shape[1]
         blocks = [np.array([[p.real]]) for p in poles[:n_real]]
         blocks += [np.array([[p.real, p.imag], [-p.imag, p.real]]) for p in poles[n_real:]]
         n = sum(map(len, blocks))

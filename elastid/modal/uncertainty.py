@@ -1,6 +1,6 @@
 r"""Covariance of poles, residues and shapes: each is linear in the errors of the response, whose scatter is that seen.
 
-With the influence I_k of line k on a number, and residuals relative to the stated standard deviation and the phase of G,
+With the influence I_k of line k on a number, and residuals relative to the stated standard deviation and phase of G,
 
 .. math:: \mathrm{var} = \frac{1}{2} \sum_k \sum_l \rho_{k-l}\, I_k^H C_k I_l, \qquad
           C_k = \mathrm{mean}_{l \approx k}\, \epsilon_l \epsilon_l^H

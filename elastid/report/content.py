@@ -92,7 +92,8 @@ class ResponsesContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Those of the modes and responses; the same from many places once, with a count."""
-        return grouped(note for each in (*self.modes, *self.responses) for note in each.notes)
+        own = [note for modes in self.modes for note in modes.notes]
+        return grouped((*own, *(note for response in self.responses for note in response.notes)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:

@@ -109,7 +109,7 @@ def report_responses(
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.export.csv import write_modes_csv
-    from elastid.modal.modes import modes_of_responses
+    from elastid.modal.estimate import modes_of_responses
     from elastid.report.content import ResponsesContent
     from elastid.report.page.page import write_page_of_responses
 
