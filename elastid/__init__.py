@@ -26,7 +26,7 @@ Floors, from the top; a room imports from the floors below it only:
 - design nonlinear recorded use validation  plans within limits; friction out of records; logs -> records; maps of the
   workspace and draws of robots; agreement
 - friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
-- experiment fit               plan and simulated rig; weights, least squares, solvers, uncertainty, diagnosis
+- experiment fit modal         plan and simulated rig; weights, least squares, solvers, diagnosis; modes of a structure
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
 - friction model response      laws; equations of motion in CasADi; FrequencyResponse
 - excitation parameters robot   multisines; names and vectors; bodies, joints, springs, motors
@@ -80,6 +80,11 @@ if TYPE_CHECKING:
     from elastid.linear.posture_model import JointLoop as JointLoop
     from elastid.linear.posture_model import PostureModel as PostureModel
     from elastid.linear.response.transfer import frequency_response as frequency_response
+    from elastid.modal.estimate import estimate_modes as estimate_modes
+    from elastid.modal.modes import Modes as Modes
+    from elastid.modal.shapes import mac as mac
+    from elastid.modal.state_space import StateSpace as StateSpace
+    from elastid.modal.state_space import fit_state_space as fit_state_space
     from elastid.model.formulation import formulate as formulate
     from elastid.model.formulation import serial as serial
     from elastid.model.spec import ModelSpec as ModelSpec
@@ -106,6 +111,7 @@ if TYPE_CHECKING:
     from elastid.robot import Rod as Rod
     from elastid.robot import Spring as Spring
     from elastid.store.friction_study import read_friction_result as read_friction_result
+    from elastid.store.measured import read_modes as read_modes
     from elastid.store.measured import read_plan as read_plan
     from elastid.store.measured import read_records as read_records
     from elastid.store.measured import read_responses as read_responses
@@ -146,6 +152,10 @@ _NAMES = {
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
     "elastid.response": ("Covariance", "FrequencyResponse", "Responses"),
+    "elastid.modal.estimate": ("estimate_modes",),
+    "elastid.modal.modes": ("Modes",),
+    "elastid.modal.shapes": ("mac",),
+    "elastid.modal.state_space": ("StateSpace", "fit_state_space"),
     "elastid.model.spec": ("ModelSpec",),
     "elastid.model.formulation": ("formulate", "serial"),
     "elastid.linear.linearise": ("linearise",),
@@ -168,7 +178,14 @@ _NAMES = {
     "elastid.friction_study.identify": ("identify_friction",),
     "elastid.friction_study.result": ("FrictionResult",),
     "elastid.store.friction_study": ("read_friction_result",),
-    "elastid.store.measured": ("read_plan", "read_records", "write_records", "read_responses", "write_responses"),
+    "elastid.store.measured": (
+        "read_plan",
+        "read_records",
+        "write_records",
+        "read_responses",
+        "write_responses",
+        "read_modes",
+    ),
     "elastid.store.results": ("read_fit", "write_fit", "read_validation"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

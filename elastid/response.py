@@ -132,7 +132,8 @@ class FrequencyResponse:
     configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
     errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
     leakage (F, n_y, n_u): error of G by the windows of segments to first order, of which `total` holds the square.
-    motion: of the motors while it was measured, or None.
+    motion: of the motors while it was measured, or None.  window, segment_s: of the segments that have smoothed G along
+    frequency, or "" and 0.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -161,6 +162,8 @@ class FrequencyResponse:
         "error by leakage of windows, to first order", "{unit}", "freq_hz outputs inputs", default=None
     )
     motion: MotorMotion | None = None
+    window: str = ""
+    segment_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Check names and arrays."""

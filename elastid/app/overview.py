@@ -173,7 +173,7 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         "responses": "import the responses",
     }[study.experiment.kind]
     if study.robot is None:
-        yield f"will {first} in {study.estimator.quantity} per input, find their peaks, write the report"
+        yield f"will {first} in {study.estimator.quantity} per input, find their modes, write the report"
         return
     left_out = study.validation.left_out
     judged = f"judge it on {', '.join(left_out)}, not fitted" if left_out else "judge it on the fitted configurations"

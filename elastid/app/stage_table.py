@@ -238,9 +238,9 @@ STAGES = (
         help="Write the page and the figures: report.html and figures/.",
     ),
     Stage(
-        "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "peaks.csv"),
+        "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),
         "elastid.app.stages.report:report_responses",
-        values=values("name", "estimator", "text", "report"), sources=(Source("estimate"),),
+        values=values("name", "estimator", "modal", "text", "report"), sources=(Source("estimate"),),
     ),
     Stage(
         "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",

@@ -1,4 +1,4 @@
-"""Export to CSV: parameters, modes, peaks of measured responses, and a frequency response for each configuration.
+"""Export to CSV: parameters, modes of a model or of measured responses, a frequency response for each configuration.
 
 The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
 """
@@ -16,26 +16,40 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import file_name
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.frf.peaks import Peak, peaks
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
+from elastid.modal.estimate import modes_of_responses
+from elastid.modal.modes import Modes
+from elastid.modal.spec import ModalSpec
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_rows
 
 
-def write_peaks(path: Path, responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Path:
-    """One row for each peak of each response; frequencies in Hz, or in units of an unknown sampling rate."""
-    return _table(path, _peaks(responses, peaks))
+def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
+    """One row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
+
+    Shapes, the largest entry 1, as re_<output>, im_<output> and std_<output>; empty where another response has it.
+    """
+    return _table(path, _measured_modes(modes))
 
 
-def _peaks(responses: Sequence[FrequencyResponse], peaks: Sequence[Sequence[Peak]]) -> Iterable[Sequence[Any]]:
-    columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "output", "input", "lines", "misfit"
-    yield "configuration", *columns
-    for response, own in zip(responses, peaks, strict=True):
-        for peak in own:
-            numbers = (peak.freq_hz, peak.freq_std, peak.damping, peak.damping_std)
-            yield response.configuration.name, *numbers, peak.output, peak.input, peak.lines, peak.misfit
+def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
+    outputs = list(dict.fromkeys(output for own in modes for output in own.outputs))
+    columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
+    shapes = [f"{part}_{output}" for output in outputs for part in ("re", "im", "std")]
+    yield "configuration", *columns, *shapes
+    for own in modes:
+        numbers = zip(own.freq_hz, own.freq_std, own.zeta, own.zeta_std, own.collinearity, strict=True)
+        for r, row in enumerate(numbers):
+            entries: list[Any] = []
+            for output in outputs:
+                if output in own.outputs:
+                    i = own.outputs.index(output)
+                    entries += [own.shapes[i, r].real, own.shapes[i, r].imag, own.shape_std[i, r]]
+                else:
+                    entries += ["", "", ""]
+            yield own.configuration, *row, *entries
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -50,9 +64,9 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
-    """<configuration>-measured.csv for each response, and peaks.csv."""
-    all_peaks = [peaks(response) for response in responses]
-    return (*(_measured(folder, G) for G in responses), write_peaks(folder / "peaks.csv", responses, all_peaks))
+    """<configuration>-measured.csv for each response, and modes.csv."""
+    modes = modes_of_responses(responses, ModalSpec())
+    return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
 
 
 def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]:

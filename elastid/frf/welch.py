@@ -273,6 +273,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     response = measured_response(
         first, spec.quantity, data.freq_hz, G, noise=covariance, total=total, quality=quality, notes=tuple(notes)
     )
+    response = replace(response, window=spec.window, segment_s=L / first.rate_hz)
     return replace(response, correlated_lines=segments.correlated_lines, leakage=beta)
 
 

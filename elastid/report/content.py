@@ -19,7 +19,7 @@ from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.gear_result import GearResult
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.modes import ModeRow
+from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.comparison import Comparison
@@ -27,7 +27,8 @@ from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
-    from elastid.frf.peaks import Peak  # brings SciPy's signals
+    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    from elastid.modal.spec import GeometrySpec
 
 
 @dataclass(frozen=True)
@@ -80,19 +81,36 @@ class ReportContent:
 
 @dataclass(frozen=True)
 class ResponsesContent:
-    """Measured responses, the peaks of each, friction taken out of them, the text of the study and its provenance."""
+    """Measured responses, the modes of each, friction taken out of them, the text of the study and its provenance."""
 
     title: str
     responses: tuple[FrequencyResponse, ...]
-    peaks: tuple[tuple[Peak, ...], ...]
+    modes: tuple[Modes, ...]
     study_text: str
     provenance: Mapping[str, str]
     friction: FrictionTakenOut | None = None
+    geometry: GeometrySpec | None = None
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Those of the responses; the same from many places once, with a count."""
-        return grouped(note for response in self.responses for note in response.notes)
+        """Those of the modes and responses; the same from many places once, with a count."""
+        own = [note for modes in self.modes for note in modes.notes]
+        return grouped((*own, *(note for response in self.responses for note in response.notes)))
+
+    @property
+    def mode_rows(self) -> tuple[ModeRow, ...]:
+        """The modes of each response with their shapes, drawn where the geometry has their outputs."""
+        return tuple(measured_modes_row(own, self.geometry) for own in self.modes)
+
+    @property
+    def synthesised(self) -> tuple[FrequencyResponse | None, ...]:
+        """The modal model of each response; None where it is known on some of its lines only."""
+        return tuple(
+            replace(response, G=own.synthesis, notes=(), quality=None, noise=None, total=None, distortion=None)
+            if own.n_modes and len(own.at_hz) == response.n_lines
+            else None
+            for response, own in zip(self.responses, self.modes, strict=True)
+        )
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.model.kinematics import StickFigure, StickKind
 from elastid.robot import Body, Joint, Robot, unit_axis
+
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    from elastid.modal.spec import GeometrySpec
 
 # Displacement of the point that moves furthest, in sizes of the robot.
 SWING = 0.15
@@ -73,6 +79,33 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
     moved = moved * np.divide(SWING * size * sign, furthest, out=np.zeros(len(sign)), where=moving)
     up = int(np.argmax(np.abs(gravity))) if any(gravity) else 2
     return ModeDrawing(figure.points, figure.links, figure.joints, moved, up, gravity[up] > 0)
+
+
+def measured_modes_row(own: Modes, geometry: GeometrySpec | None) -> ModeRow:
+    """The modes of a measured response, whose coordinates are its outputs."""
+    known = own.configuration, own.freq_hz, own.zeta, own.freq_std, own.zeta_std
+    drawing = None if geometry is None or not own.n_modes else measured_drawing(own, geometry)
+    return ModeRow(*known, coordinates=own.outputs, shapes=own.shapes, drawing=drawing)
+
+
+def measured_drawing(own: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
+    """Points that move as the outputs at them do; None where no output has a point."""
+    names = list(geometry.points)
+    points = np.array([geometry.points[name] for name in names], dtype=float)
+    moved = np.zeros((len(names), 3, own.n_modes), complex)
+    for output, shape in zip(own.outputs, own.shapes, strict=True):
+        if (where := geometry.direction_of(output)) is not None:
+            point, direction = where
+            sign = -1.0 if direction.startswith("-") else 1.0
+            moved[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape
+    size = float(np.ptp(points, axis=0).max(initial=0.0))
+    reach = np.linalg.norm(moved, axis=1).max(axis=0, initial=0.0)
+    if not size > 0 or not reach.any():
+        return None
+    lines = geometry.lines or tuple(pairwise(names))
+    links: tuple[tuple[int, int, StickKind], ...] = tuple((names.index(a), names.index(b), "strut") for a, b in lines)
+    swung = moved * np.divide(SWING * size, reach, out=np.zeros(own.n_modes), where=reach > 0)
+    return ModeDrawing(points, links, tuple(range(len(names))), swung)
 
 
 # Written: shares of a mode's energy, coordinates by their motion over the largest, and how many of each.

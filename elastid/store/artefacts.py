@@ -27,7 +27,7 @@ TEXT = h5py.string_dtype()
 _COMMANDS = {
     "plan": "design", "records": "measure", "frf": "estimate", "fit": "fit", "validation": "validate",
     "friction plan": "design", "friction records": "measure", "friction levels": "levels", "friction": "friction",
-    "filter": "follow", "map": "map", "gears": "gears",
+    "filter": "follow", "map": "map", "gears": "gears", "modes": "report",
 }  # fmt: skip
 
 

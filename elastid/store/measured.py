@@ -26,6 +26,7 @@ from elastid.store.values import write_artefact
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast, LimitUse
+    from elastid.modal.modes import Modes
 
 PLAN = "plan"
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
@@ -161,3 +162,20 @@ def read_responses(path: Path | str) -> Responses:
 def read_friction(path: Path | str) -> FrictionTakenOut | None:
     """The friction that was taken out of the responses in frf.h5; None where the study asked for none."""
     return read_optional_part(path, RESPONSES, "friction", FrictionTakenOut)
+
+
+MODES = "modes"
+
+
+def write_modes(path: Path | str, modes: tuple[Modes, ...], stamp: Stamp = NO_STAMP) -> None:
+    """modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
+    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+
+    write_artefact(path, MODES, stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
+
+
+def read_modes(path: Path | str) -> tuple[Modes, ...]:
+    """The modes of each response in modes.h5."""
+    from elastid.modal.modes import Modes  # as above
+
+    return read_part(path, MODES, "modes", tuple[Modes, ...])

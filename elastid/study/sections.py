@@ -19,6 +19,7 @@ from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.spec import FilterSpec, FrictionSpec
+from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.spec import ReportSpec
@@ -53,6 +54,8 @@ class Study:
     estimator: Annotated[EstimatorSpec, Key("Estimation of frequency responses from the records.", "the defaults suit "
         "a closed-loop robot with several realisations; change it for records without a period, or for fewer "
         "experiments than motors.")] = EstimatorSpec()
+    modal: Annotated[ModalSpec, Key("Modes of a structure without a robot: band, chosen poles, geometry.", "the "
+        "defaults choose the modes by themselves; give poles_hz to choose them yourself.")] = ModalSpec()
     model: Annotated[ModelSpec, Key("Equations of motion that the fit uses.", "needed for linkages where another "
         "formulation is wanted; a serial robot needs nothing here.")] = ModelSpec()
     fit: Annotated[FitSpec, Key("Identification of the parameters: parameters, weights and search.", "the first key to "

@@ -16,6 +16,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
+from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
@@ -23,7 +24,15 @@ from elastid.report.page.page import FigureFormat, write_report
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_rehearsal, read_responses
+from elastid.store.measured import (
+    read_forecast,
+    read_friction,
+    read_peaks,
+    read_plan,
+    read_rehearsal,
+    read_responses,
+    write_modes,
+)
 from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
 
 
@@ -92,26 +101,36 @@ def page_artefacts(
 
 
 def report_responses(
-    *, name: str, estimator: EstimatorSpec, text: str, report: ReportSpec, estimate_file: Path, work: Work
+    *,
+    name: str,
+    estimator: EstimatorSpec,
+    modal: ModalSpec,
+    text: str,
+    report: ReportSpec,
+    estimate_file: Path,
+    work: Work,
 ) -> Artefacts:
-    """The page, figures and peaks.csv of responses without a robot."""
-    # SciPy's signals, which come with the peaks, take long to load, and the page of a fit does without.
-    from elastid.export.csv import write_peaks
-    from elastid.frf.peaks import peaks
+    """The page, figures, modes.csv and modes.h5 of responses without a robot."""
+    # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
+    from elastid.export.csv import write_modes_csv
+    from elastid.modal.estimate import modes_of_responses
     from elastid.report.content import ResponsesContent
     from elastid.report.page.page import write_page_of_responses
 
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
-    resonances = tuple(peaks(response) for response in responses)
+    modes = modes_of_responses(responses, modal)
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
-    content = ResponsesContent(name, responses, resonances, text, work.stamp.shown, friction)
+    content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, modal.geometry)
     lines = []
-    for response, own in zip(responses, resonances, strict=True):
-        frequencies = ", ".join(f"{peak.freq_hz:.4g}" for peak in own)
-        unit = "Hz" if response.rate_is_known else "of the sampling rate"
-        words = f"peaks at {frequencies} {unit}" if frequencies else "no peak"
-        lines.append(f"report: {response.configuration.name}: {words}")
-    table: dict[str, Write] = {"peaks.csv": lambda path, stamp: write_peaks(path, responses, resonances)}
-    return page_artefacts(write_page_of_responses, content, report, work, table, lines)
+    for own in modes:
+        frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)
+        words = f"modes at {frequencies} {own.frequency_unit}" if frequencies else "no mode"
+        lines.append(f"report: {own.configuration}: {words}")
+        lines += [f"report: {own.configuration}: {note.text}" for note in own.notes]
+    tables: dict[str, Write] = {
+        "modes.csv": lambda path, stamp: write_modes_csv(path, modes),
+        "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
+    }
+    return page_artefacts(write_page_of_responses, content, report, work, tables, lines)

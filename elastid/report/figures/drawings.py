@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import design, fit, friction, gears, modes, responses, validation
+from elastid.report.figures import design, fit, friction, gears, measured_modes, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -25,6 +25,7 @@ from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
 if TYPE_CHECKING:
     from elastid.friction_study.follow import FollowedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
+    from elastid.modal.modes import Modes
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -172,10 +173,31 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     """The figures of measured responses without a model, to be drawn."""
     yield from friction_drawings(content.friction)
     files = file_names([response.configuration.name for response in content.responses], "frf")
-    for file, response in zip(files, content.responses, strict=True):
+    rows = zip(files, content.responses, content.modes, content.synthesised, content.mode_rows, strict=True)
+    for file, response, own, model, row in rows:
         title = responses.configuration_title(response, left_out=False)
-        yield from response_drawings(file, response, None, title)
+        yield from measured_mode_drawings(file, own, row, title)
+        yield from response_drawings(file, response, model, title)
         yield from quality_drawings(file, response, title)
+
+
+def measured_mode_drawings(file: str, own: Modes, row: ModeRow, title: str) -> Iterator[Drawing]:
+    """Stabilisation diagram, shapes and error of the modal model; none of a response with too few lines."""
+    if not len(own.at_hz):
+        return
+    caption = (
+        "poles over the order of the estimator, and singular values of the response (mode indicator functions). Poles "
+        "of noise wander from order to order; vertical lines are those that were taken for modes."
+    )
+    draw = partial(measured_modes.stabilisation_diagram, own, title)
+    yield of_configuration(own.configuration, f"{file}-stabilisation", caption, draw)
+    if own.n_modes:
+        caption = "mode shapes, the largest entry 1; a dash is the part out of phase."
+        shapes = partial(modes.mode_shapes, row, title, own.rate_is_known)
+        yield of_configuration(own.configuration, f"{file}-modes", caption, shapes)
+        caption = "error of the response that the modes synthesise, and the noise of the measurement."
+        error = partial(measured_modes.synthesis_error, own, title)
+        yield of_configuration(own.configuration, f"{file}-synthesis", caption, error)
 
 
 def of_configuration(

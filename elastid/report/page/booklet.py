@@ -58,10 +58,10 @@ def front_pages(content: ReportContent) -> Iterator[Figure]:
 
 
 def front_pages_of_responses(content: ResponsesContent) -> Iterator[Figure]:
-    """The title page, then notes and the tables of peaks and friction."""
-    count = len(content.responses), sum(map(len, content.peaks))
-    sentences = ["Frequency responses of {} configurations, {} resonances.".format(*count)]
-    text = (*heading(content.title, content.notes), *columns(list(_peak_table(content))))
+    """The title page, then notes and the tables of modes and friction."""
+    count = len(content.responses), sum(own.n_modes for own in content.modes)
+    sentences = ["Frequency responses of {} configurations, {} modes.".format(*count)]
+    text = (*heading(content.title, content.notes), *columns(list(_measured_modes(content))))
     yield from pages_of(content.title, sentences, content.provenance, (*text, *friction_text(content.friction)))
 
 
@@ -186,13 +186,14 @@ def _row(row: ParameterRow) -> tuple[str, ...]:
     return row.name, row.unit, *value_cells(row.estimate, row.std, row.interval), remark
 
 
-def _peak_table(content: ResponsesContent) -> Iterator[tuple[str, ...]]:
-    yield "configuration", style.frequency_unit(content.rate_is_known), "95 % interval", "damping", "largest from, to"
-    for response, peaks in zip(content.responses, content.peaks, strict=True):
-        for peak in peaks:
-            frequency, _, interval = value_cells(peak.freq_hz, peak.freq_std, peak.freq95)
-            damping = percent(peak.damping, digits(peak.damping, peak.damping_std))
-            yield response.configuration.name, frequency, interval, damping, f"{peak.input}, {peak.output}"
+def _measured_modes(content: ResponsesContent) -> Iterator[tuple[str, ...]]:
+    yield "configuration", style.frequency_unit(content.rate_is_known), "95 % interval", "damping", "95 % interval"
+    for own in content.modes:
+        for r in range(own.n_modes):
+            frequency, _, interval = value_cells(own.freq_hz[r], own.freq_std[r], tuple(own.freq95[r]))
+            places = digits(own.zeta[r], own.zeta_std[r])
+            low, high = (percent(end, places) for end in own.zeta95[r])
+            yield own.configuration, frequency, interval, percent(own.zeta[r], places), f"{low} ... {high}"
 
 
 def columns(table: Sequence[Sequence[str]]) -> Iterator[str]:

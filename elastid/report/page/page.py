@@ -188,9 +188,11 @@ def write_page_of_responses(
 
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
-    responses = explorer([(response, None) for response in content.responses])
-    unit = style.frequency_unit(content.rate_is_known)
-    return render("responses.html.j2", content, figures, responses, curve_scripts(), frequency_unit=unit)
+    responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
+    viewer = mode_viewer(content.mode_rows, content.rate_is_known)
+    scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
+    names = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
+    return render("responses.html.j2", content, figures, responses, scripts, **names)
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:

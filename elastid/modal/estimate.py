@@ -1,0 +1,294 @@
+r"""Modes of a measured response: poles, shapes, residuals, intervals; no pole that noise has by chance.
+
+Poles come from the p-LSCF estimator over orders, are chosen by F tests, and refined by weighted least squares on all
+lines and elements together; residues are those of
+
+.. math:: G(s) = \sum_r \left( \frac{\psi_r L_r^T}{s - \lambda_r} + \frac{\bar\psi_r L_r^H}{s - \bar\lambda_r} \right)
+          + \sum_p C_p\, s^{k+p}
+
+with shapes psi (n_y,) and participations L (n_u,), the largest singular pair of each residue; a residue with a second
+one beyond its noise is a repeated root, two modes with one pole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError, check_kind
+from elastid.base.note import Note
+from elastid.modal.basis import Basis, unstacked
+from elastid.modal.model import ModalData, ModalFit
+from elastid.modal.modes import Modes, without_modes
+from elastid.modal.noise import floored, has_variance, line_variance, normalised_differences, smoothed
+from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
+from elastid.modal.selection import Noise, eliminated, p_values, pursued, residual_peaks
+from elastid.modal.shapes import mode_indicators, phase_collinearity, turned
+from elastid.modal.spec import ModalSpec
+from elastid.modal.uncertainty import Influences
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True)
+class ModeLimits:
+    """Judgement of poles that are more than noise.  False alarms: scripts/studies/modes.py."""
+
+    max_damping: float = 0.35
+    damping_significance: float = 2.5  # damping over its standard deviation
+    input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB
+    coherence: float = 0.2  # multiple, median over some lines of the best output
+    coherence_lines: int = 21
+    lines: int = 16  # of a response that has modes
+    second_shape: float = 0.1  # singular value of a residue over its first, from which on a root is repeated
+    second_shape_std: float = 6.0  # and over its standard deviation
+    twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
+    twin_mac: float = 0.9
+    twin_share: float = 0.1  # of the stronger one's residue
+
+
+LIMITS = ModeLimits()
+NO_POLES: ComplexArray = np.empty(0, complex)
+
+
+def estimate_modes(
+    response: FrequencyResponse,
+    band_hz: tuple[float, float] | None = None,
+    max_order: int | None = None,
+    poles_hz: Sequence[float] | None = None,
+    exponential_s: float | None = None,
+) -> Modes:
+    r"""Modes of a response with 95 % intervals: p-LSCF over orders, F tests, weighted least squares.
+
+    band_hz: lines that are used.  max_order: of the matrix polynomial, 60 by default as lines allow.  poles_hz: natural
+    frequencies of the poles that are taken, the nearest stable one each, in place of the choice by F tests.
+    exponential_s: time constant of an exponential window on hits and answers, whose damping 1 / (omega tau) is taken
+    out,
+
+    .. math:: \lambda = \lambda_w + 1 / \tau
+
+    Lines that the inputs do not reach (40 dB below their best) or that have no coherence are left out.  Raises
+    DataError where fewer than 16 lines are left.
+    """
+    check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
+    response = usable(response, band_hz)
+    data, noise = modal_data(response)
+    orders = poles_over_orders(
+        response.freq_hz, weighted(response, data), data.weight, max_order or _default_order(response)
+    )
+    stable, counts = clusters(orders)
+    fit = _fitted(data, stable / data.basis.scale, noise, poles_hz)
+    if not has_variance(response):
+        for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
+            data, noise = modal_data(response, _residual_variance(response, fit))
+            fit = _fitted(data, stable / data.basis.scale, noise, poles_hz, fit.poles)
+    return _modes(response, fit, noise, (stable, counts), stabilisation(orders), exponential_s, poles_hz is not None)
+
+
+def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
+    """The modes of each response as a study asks for them; none, with a note, of one with too few lines."""
+    return tuple(_modes_or_none(response, spec) for response in responses)
+
+
+def _modes_or_none(response: FrequencyResponse, spec: ModalSpec) -> Modes:
+    try:
+        return estimate_modes(response, spec.band_hz, spec.max_order, spec.poles_hz, spec.exponential)
+    except DataError as error:
+        return without_modes(response, Note("no-modes", str(error)))
+
+
+def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> FrequencyResponse:
+    """The response on lines in the band that inputs reach and outputs answer; DataError where they are too few."""
+    keep = response.freq_hz > 0
+    if band_hz is not None:
+        keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
+    lost = ~_reached(response)
+    if np.sum(keep & ~lost) < LIMITS.lines:
+        where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
+        raise DataError(
+            f"configuration {response.configuration.name}: {int(np.sum(keep & ~lost))} lines{where} have excitation "
+            f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record"
+        )
+    return response.lines(keep & ~lost)
+
+
+def _reached(response: FrequencyResponse) -> BoolArray:
+    """Flags (F,) of lines with force and coherence."""
+    from scipy.ndimage import median_filter
+
+    quality = response.quality
+    if quality is None:
+        return np.ones(response.n_lines, bool)
+    weakest = quality.input_singular_values[:, -1]
+    size = min(LIMITS.coherence_lines, response.n_lines)
+    force = median_filter(weakest, size, mode="nearest")
+    coherence = median_filter(quality.multiple_coherence.max(axis=1), size, mode="nearest")
+    return np.asarray((force > LIMITS.input_share * force.max()) & (coherence > LIMITS.coherence))
+
+
+def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray:
+    """Variance (F, n_y, n_u) by what a model leaves of the lines, smooth along frequency."""
+    power = np.abs(response.G) ** 2
+    model = fit.synthesis().reshape(response.G.shape)
+    free = np.maximum(1 - np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
+    return floored(smoothed(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
+
+
+def modal_data(response: FrequencyResponse, variance: FloatArray | None = None) -> tuple[ModalData, Noise]:
+    """The response as weighted columns, and its noise; variance: by default that stated, or by neighbouring lines."""
+    variance = line_variance(response) if variance is None else variance
+    data = ModalData.of(Basis.of(response), response.G, variance)
+    differences = normalised_differences(response.freq_hz, response.G, variance)
+    return data, Noise.of(differences, response.correlated_lines)
+
+
+def weighted(response: FrequencyResponse, data: ModalData) -> ComplexArray:
+    """G (F, n_y, n_u) over the scale of its elements; of inputs, one scale for all outputs, so that G = B / A holds."""
+    scale = data.scale.reshape(response.G.shape[1:])
+    of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
+    of_inputs = np.exp((np.log(scale) - np.log(of_outputs)).mean(axis=0, keepdims=True))
+    return np.asarray(response.G / (of_outputs * of_inputs))
+
+
+def _default_order(response: FrequencyResponse) -> int:
+    return int(np.clip(response.n_lines // 6, 8, 60))
+
+
+def _fitted(
+    data: ModalData,
+    candidates: ComplexArray,
+    noise: Noise,
+    poles_hz: Sequence[float] | None,
+    start: ComplexArray = NO_POLES,
+) -> ModalFit:
+    """The chosen poles, refined; else those that noise has not by chance, from `start` on."""
+    if poles_hz is not None:
+        return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
+    fit = pursued(ModalFit(data, start).refined(), candidates, noise)
+    for _ in range(3):
+        more = pursued(fit, residual_peaks(fit), noise)
+        if len(more.poles) == len(fit.poles):
+            break
+        fit = more
+    return eliminated(fit, noise)
+
+
+def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
+    """The candidate nearest to each natural frequency; one of 1 % damping where none is within 2 %."""
+    chosen = []
+    for f in poles_hz:
+        size = 2 * np.pi * f / data.basis.scale
+        gap = np.abs(np.abs(candidates) - size) / size
+        near = len(gap) > 0 and gap.min() < 0.02
+        chosen.append(candidates[np.argmin(gap)] if near else size * complex(-0.01, 1.0))
+    return np.array(chosen, complex)
+
+
+def _modes(
+    response: FrequencyResponse,
+    fit: ModalFit,
+    noise: Noise,
+    stable: tuple[ComplexArray, IntArray],
+    diagram: StabilisationDiagram,
+    exponential_s: float | None,
+    is_chosen: bool,
+) -> Modes:
+    influences, scale = Influences(fit, noise.correlated_lines), fit.data.basis.scale
+    chance = p_values(fit, noise)
+    shift = 0.0 if exponential_s is None else 1 / exponential_s
+    found = []
+    for r in np.argsort(np.abs(fit.poles)).tolist():
+        pole = complex(fit.poles[r] * scale)
+        orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
+        mode = _FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r]))
+        if is_chosen or mode.is_within(response):
+            found.append(mode)
+    return _gathered(response, fit, found if is_chosen else _without_twins(found), diagram)
+
+
+@dataclass(frozen=True)
+class _FittedMode:
+    """Frequency and damping with standard deviations, the residue (n_y, n_u) and its standard deviation."""
+
+    freq_hz: float
+    freq_std: float
+    zeta: float
+    zeta_std: float
+    residue: ComplexArray
+    residue_std: FloatArray
+    orders: int
+    chance: float
+
+    @classmethod
+    def of(
+        cls, response: FrequencyResponse, influences: Influences, r: int, pole: complex, orders: int, chance: float
+    ) -> _FittedMode:
+        """The pole r of a fit; pole: the same in 1/s, without windows."""
+        fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
+        C = influences.pole_covariances[r] * scale**2
+        # zeta = -Re lambda / |lambda|
+        of_freq = np.array([pole.real, pole.imag]) / size / (2 * np.pi)
+        of_zeta = np.array([-(pole.imag**2), pole.real * pole.imag]) / size**3
+        freq_std, zeta_std = (float(np.sqrt(max(float(g @ C @ g), 0.0))) for g in (of_freq, of_zeta))
+        shape = response.G.shape[1:]
+        residue = (fit.residues[r] * scale).reshape(shape)
+        std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
+        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
+
+    def is_within(self, response: FrequencyResponse) -> bool:
+        """True within the band, with a damping that is known."""
+        inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
+        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
+
+    def is_twin_of(self, other: _FittedMode) -> bool:
+        """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
+        size, size_of_other = float(np.linalg.norm(self.residue)), float(np.linalg.norm(other.residue))
+        width = LIMITS.twin_distance * max(self.freq_hz * self.zeta, other.freq_hz * other.zeta)
+        overlap = abs(np.vdot(self.residue, other.residue)) / (size * size_of_other)
+        is_weak = size < LIMITS.twin_share * size_of_other
+        return bool(is_weak and abs(self.freq_hz - other.freq_hz) < width and overlap**2 > LIMITS.twin_mac)
+
+
+def _without_twins(modes: Sequence[_FittedMode]) -> list[_FittedMode]:
+    return [mode for mode in modes if not any(mode.is_twin_of(other) for other in modes if other is not mode)]
+
+
+def _gathered(
+    response: FrequencyResponse, fit: ModalFit, modes: Sequence[_FittedMode], diagram: StabilisationDiagram
+) -> Modes:
+    numbers, shapes, stds, participations = [], [], [], []
+    for mode in modes:
+        std = mode.residue_std
+        U, s, Vh = np.linalg.svd(mode.residue)
+        count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
+        for k in range(count):
+            shape = turned(U[:, [k]])[:, 0]
+            largest = int(np.argmax(np.abs(shape)))
+            numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders, mode.chance))
+            shapes.append(shape)
+            participations.append(Vh[k] * s[k] * U[largest, k] / shape[largest])
+            # By the entries of a residue along the input that drives it, the length of the shape fixed.
+            noise = np.sqrt((std**2) @ (np.abs(Vh[k]) ** 2)) / (s[k] * np.abs(U[largest, k]))
+            stds.append(noise * np.sqrt(1 + np.abs(shape) ** 2) * (np.arange(len(shape)) != largest))
+    n_y, n_u = response.G.shape[1:]
+    f, f_std, zeta, zeta_std, orders, chance = np.array(numbers).reshape(-1, 6).T
+    synthesis = fit.synthesis().reshape(response.G.shape)
+    power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
+    stated = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
+    shape_matrix = np.array(shapes, complex).reshape(-1, n_y).T
+    return Modes(
+        response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
+        response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
+        np.array(participations, complex).reshape(-1, n_u).T,
+        phase_collinearity(shape_matrix) if shapes else np.empty(0), orders.astype(int), chance,
+        response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
+        stated, mode_indicators(response.G), diagram,
+    )  # fmt: skip
+
+
+def _second_singular_value(s: FloatArray, std: FloatArray) -> float:
+    """The second singular value that a residue of rank 1 has by noise, or by its own errors."""
+    noise = float(np.sqrt(np.mean(std**2))) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
+    return float(max(LIMITS.second_shape * float(s[0]), LIMITS.second_shape_std * noise))

@@ -1,0 +1,108 @@
+"""Modes: natural frequencies, damping ratios and shapes of one response with their standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import field
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.base.display import Display, as_html, as_text, digits, number, percent
+from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
+from elastid.modal.poles import StabilisationDiagram
+from elastid.response import FrequencyResponse
+
+
+@frozen_value
+class Modes:
+    """Modes by rising frequency, of one response.
+
+    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
+    (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC.  orders (n,): of
+    the estimator that have the pole.  chance (n,): probability that a record of noise has such a pole.
+    at_hz (F,), synthesis (F, n_y, n_u): of the model; error (F,): |G - synthesis| over |G|, both RMS over elements, and
+    stated (F,): of that the part by the noise.  indicators (F, n): CMIF.  diagram: of stabilisation.
+    """
+
+    configuration: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantity: str
+    unit: str
+    rate_is_known: bool
+    freq_hz: FloatArray = labelled("natural frequency", "Hz")
+    freq_std: FloatArray = labelled("its standard deviation", "Hz")
+    zeta: FloatArray = labelled("damping ratio")
+    zeta_std: FloatArray = labelled("its standard deviation")
+    shapes: ComplexArray = labelled("mode shapes, the largest entry 1", "", "outputs mode")
+    shape_std: FloatArray = labelled("standard deviation of shapes", "", "outputs mode")
+    participation: ComplexArray = labelled("participation of inputs", "", "inputs mode")
+    collinearity: FloatArray = labelled("modal phase collinearity")
+    orders: IntArray
+    chance: FloatArray = labelled("probability by chance")
+    at_hz: FloatArray = labelled("lines", "Hz")
+    synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
+    error: FloatArray = labelled("relative error of the synthesis")
+    stated: FloatArray = labelled("relative standard deviation of the response")
+    indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
+    diagram: StabilisationDiagram
+    notes: tuple[Note, ...] = field(default=())
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Frequency and damping of each mode with their intervals."""
+        rows = []
+        for f, f_std, zeta, zeta_std, mpc in zip(
+            self.freq_hz, self.freq_std, self.zeta, self.zeta_std, self.collinearity, strict=True
+        ):
+            places, z_places = digits(f, f_std), digits(zeta, zeta_std)
+            rows.append((number(f, places), number(QUANTILE_95 * f_std, 2), percent(zeta, z_places),
+                         percent(QUANTILE_95 * zeta_std, 2), number(mpc, 3)))  # fmt: skip
+        head = (f"frequency in {self.frequency_unit}", "+- 95 %", "damping", "+- 95 %", "phase collinearity")
+        return Display(f"{len(rows)} modes of {self.configuration}", head, rows)
+
+    @property
+    def frequency_unit(self) -> str:
+        """Hz, or that of a response whose rate is unknown."""
+        return "Hz" if self.rate_is_known else "of the sampling rate"
+
+    @property
+    def n_modes(self) -> int:
+        """How many."""
+        return len(self.freq_hz)
+
+    @property
+    def poles(self) -> ComplexArray:
+        """lambda (n,) in 1/s."""
+        omega = 2 * np.pi * self.freq_hz
+        return np.asarray(omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2)))
+
+    @property
+    def freq95(self) -> FloatArray:
+        """95 % intervals (n, 2) of the frequencies."""
+        return _interval(self.freq_hz, self.freq_std)
+
+    @property
+    def zeta95(self) -> FloatArray:
+        """95 % intervals (n, 2) of the dampings."""
+        return _interval(self.zeta, self.zeta_std)
+
+
+def _interval(value: FloatArray, std: FloatArray) -> FloatArray:
+    return np.stack([value - QUANTILE_95 * std, value + QUANTILE_95 * std], axis=1)
+
+
+def without_modes(response: FrequencyResponse, note: Note) -> Modes:
+    """No mode, and why."""
+    n_y, n_u = len(response.outputs), len(response.inputs)
+    none, no_lines = np.empty(0), response.lines(np.zeros(response.n_lines, bool))
+    diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
+    return Modes(
+        response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
+        response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
+        np.empty((n_u, 0), complex), none, np.empty(0, int), none, no_lines.freq_hz, no_lines.G, none, none,
+        np.empty((0, min(n_y, n_u))), diagram, (note,),
+    )  # fmt: skip

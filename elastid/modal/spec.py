@@ -1,0 +1,70 @@
+"""The `modal` section of a study: modes of a structure without a robot."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Annotated
+
+from elastid.base.section import Key, section
+from elastid.base.units import Frequency, Length, Time
+
+
+@section
+class GeometrySpec:
+    """Points of the structure, for its mode shapes in motion."""
+
+    # fmt: off
+    points: Annotated[dict[str, tuple[Length, Length, Length]], Key("Coordinates of points by name.", "give those of "
+        "the sensors and, for the outline, of corners that no sensor has.")] = field(kw_only=True)
+    lines: Annotated[tuple[tuple[str, str], ...], Key("Pairs of points with a line between them.", "edges of the "
+        "structure; without any, neighbouring points in the order given are joined.")] = ()
+    motion: Annotated[dict[str, tuple[str, str]], Key("Point and direction (`x`, `-z` ...) in which each output "
+        "measures.", "needed unless outputs are named by point and direction, such as `tip x`.")] = field(
+        default_factory=dict)
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """Check that lines and motion name points, and directions."""
+        for name in (*(end for line in self.lines for end in line), *(point for point, _ in self.motion.values())):
+            if name not in self.points:
+                raise ValueError(f"{name} is none of the points ({', '.join(self.points)})")
+        for output, (_, direction) in self.motion.items():
+            if direction.lstrip("+-") not in ("x", "y", "z"):
+                raise ValueError(f"the direction of {output} is {direction}; give x, y or z, with - for the opposite")
+
+    def direction_of(self, output: str) -> tuple[str, str] | None:
+        """Point and direction of an output; None where neither `motion` nor its name has them."""
+        if output in self.motion:
+            return self.motion[output]
+        point, _, direction = output.rpartition(" ")
+        return (point, direction) if point in self.points and direction.lstrip("+-") in ("x", "y", "z") else None
+
+
+@section
+class ModalSpec:
+    """Modes of the measured responses of a structure."""
+
+    # fmt: off
+    band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band in which modes are searched for (default: all "
+        "lines with excitation and coherence).", "narrower for dense modes, band by band; modes outside it count as "
+        "residuals.")] = None
+    max_order: Annotated[int | None, Key("Highest order of the matrix polynomials whose poles are compared; 60 by "
+        "default, fewer with few lines.", "higher for more than about 30 modes in the band.")] = None
+    poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the poles that are taken as modes, "
+        "each the nearest stable one, in place of the automatic choice.", "give those that you choose in the "
+        "stabilisation diagram, in one band, where the automatic choice has one too many or too few.")] = None
+    exponential: Annotated[Time | None, Key("Time constant of the exponential window that was put on hits and answers "
+        "before they came here; its damping is taken out.", "only where your analyser used such a window; elastid "
+        "needs none, since its local methods have the transient in their model.")] = None
+    geometry: Annotated[GeometrySpec | None, Key("Points and lines of the structure, which move on the page.", "give "
+        "it for mode shapes in motion; universal files bring their own.")] = None
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        """Check band, order and time constant."""
+        if self.band_hz is not None and not 0 <= self.band_hz[0] < self.band_hz[1]:
+            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest]")
+        if self.max_order is not None and not 2 <= self.max_order <= 200:
+            raise ValueError(f"max_order is {self.max_order}; it must be 2 to 200")
+        if self.exponential is not None and not self.exponential > 0:
+            raise ValueError(f"exponential is {self.exponential:g} s; it must be positive")
