@@ -136,6 +136,17 @@ def test_the_inertia_of_a_motor_is_found_above_the_excited_lines() -> None:
     np.testing.assert_allclose(found.accelerance, 1 / J, rtol=0.01)
 
 
+@pytest.mark.parametrize("periods", [1, PERIODS])
+def test_noise_that_a_loop_turns_round_shows_no_inertia(periods: int) -> None:
+    """The torque of a loop that damps noise of the angle is explained by 40 times the accelerance, to 1 %."""
+    record, _ = simulated()
+    noise = 0.3 * np.std(record.y) * np.random.default_rng(4).standard_normal(record.y.shape)
+    braking = -40.0 * RATE * np.diff(noise, axis=0, prepend=noise[-1:])
+    record = replace(record, y=(record.y + noise)[: periods * N], u=(record.u + braking)[: periods * N])
+    found = with_inertial_accelerance(friction_of(1.1 / J), [record], 12.5)
+    np.testing.assert_array_equal(found.accelerance, 1.1 / J)
+
+
 def test_a_map_that_throws_its_point_back_and_forth_ends_there() -> None:
     """x -> b - A x with eigenvalues of A of 0.1 to 1.2, of which repetition never ends; solved to 1e-6 in ten steps."""
     rng = np.random.default_rng(5)
