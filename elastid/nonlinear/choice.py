@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -49,9 +50,10 @@ class Limits:
     # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
     ladder: int = 11
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
-    # Std of a motor's levels, all as one factor, by what no shape has: under laws of Stribeck and LuGre F_c is 1 to 3 %
-    # off (scripts/studies/friction_words.py).
-    shape_error: float = 0.03
+    # Std of a motor's levels, all as one factor, by what no shape has: of signs alone, F_c is up to 1 % off where noise
+    # says 0.4 %, and with curves or bristles among them up to 2.5 % (scripts/studies/friction_words.py).
+    sign_error: float = 0.005
+    shape_error: float = 0.015
     # Chance at which friction of one level is said to differ between configurations, of normal levels.
     dependence_by_chance: float = 1e-5
     # Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a
@@ -162,6 +164,8 @@ def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]
 _TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 # Stribeck velocities, over the RMS speed; the fall over larger ones is that of a viscous friction.
 _FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
+# About the chosen one: F_c is up to 2 % off where its velocity is that of a neighbour of the above.
+_FALLING_NEAR = tuple(2 ** (i / 6) for i in range(-3, 4))
 # Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
 # is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
@@ -297,6 +301,8 @@ def _levels(A: FloatArray, b: FloatArray, shapes: list[int], every: IntArray) ->
 def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice:
     """The choice with signs instead of the chosen gradual ones, from a little over their mean speed down.
 
+    Instead of a chosen Stribeck curve there are some of neighbouring velocities.
+
     levels (n_f,): found so far, along the motion of the samples, whose noise makes signs turn more gradually.
 
     Of a motor whose signs are refined, other signs that fitted nearly as well are left out. The covariance by the
@@ -306,7 +312,14 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
     for place in places:
         own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
         near = _near([choice.shapes[i] for i in own], levels[own], place)
-        rest = [i for i in own if not (near and choice.shapes[i].kind == "sign")]
+        near += [
+            replace(choice.shapes[i], threshold=choice.shapes[i].threshold * part)
+            for i in own
+            if choice.shapes[i].kind == "stribeck" and levels[i] > 0
+            for part in _FALLING_NEAR
+        ]
+        mended = {shape.kind for shape in near}
+        rest = [i for i in own if choice.shapes[i].kind not in mended]
         parts += [(shape, True, -1) for shape in near]
         parts += [(choice.shapes[i], i in choice.taken, i) for i in rest]
     same = np.array([i for *_, i in parts], dtype=np.int64)
@@ -330,17 +343,26 @@ def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape
 
 
 def narrowed(choice: Choice, levels: FloatArray) -> tuple[Choice, IntArray]:
-    """The choice with those two of a motor's refined signs next to their mean speed, and its shapes (n,) of before."""
+    """The choice with those two of a motor's refined shapes next to their mean speed, and its shapes (n,) of before."""
     kept = np.ones(len(choice.shapes), dtype=np.bool_)
-    for motor in np.unique(choice.motor_of):
-        signs = [i for i in choice.taken if choice.motor_of[i] == motor and choice.shapes[i].kind == "sign"]
-        if len(signs) > LIMITS.ladder:
-            speeds, own = np.array([choice.shapes[i].threshold for i in signs]), levels[signs]
+    refined_from = {"sign": LIMITS.ladder + 1, "stribeck": 2}
+    for motor, kind in product(np.unique(choice.motor_of), refined_from):
+        same = [i for i in choice.taken if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
+        if len(same) >= refined_from[kind]:
+            speeds, own = np.array([choice.shapes[i].threshold for i in same]), levels[same]
             mean = float(own @ speeds / max(float(own.sum()), 1e-300))
-            first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(signs) - 2))
-            kept[signs] = False
-            kept[signs[first : first + 2]] = True
+            first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(same) - 2))
+            kept[same] = False
+            kept[same[first : first + 2]] = True
     places = np.flatnonzero(kept)
     shapes, taken = tuple(choice.shapes[i] for i in places), np.flatnonzero(np.isin(places, choice.taken))
     of_choice = choice.covariance[np.ix_(places, places)]
     return Choice(shapes, choice.motor_of[places], choice.kept_share, taken, of_choice), places
+
+
+def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
+    """Covariance (n_f, n_f) of levels (n_f,) by what no shape has: those of a motor are off by one factor."""
+    others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
+    with_others = np.isin(choice.motor_of, choice.motor_of[others])
+    error = np.where(with_others, LIMITS.shape_error, LIMITS.sign_error) * levels
+    return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

@@ -15,7 +15,16 @@ from elastid.base.note import Note, Severity
 from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.nonlinear.choice import LIMITS, Choice, candidate_shapes, choose, narrowed, refined, shares
+from elastid.nonlinear.choice import (
+    LIMITS,
+    Choice,
+    by_unknown_shapes,
+    candidate_shapes,
+    choose,
+    narrowed,
+    refined,
+    shares,
+)
 from elastid.nonlinear.levels import (
     NormalEquations,
     covariance,
@@ -187,13 +196,12 @@ def _result(
     first = survey.first
     accelerance, stiffness, from_hz = inertial
     left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
-    of_shape = LIMITS.shape_error**2 * np.outer(levels, levels) * (choice.motor_of[:, None] == choice.motor_of)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(equations, choice.taken) + choice.covariance + of_shape,
+        covariance=covariance(equations, choice.taken) + choice.covariance + by_unknown_shapes(choice, levels),
         configurations=survey.names,
         before=raw.level,
         after=equations.level,
@@ -211,15 +219,10 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     for place, unit, share in zip(result.places, result.place_units, 100 * result.kept_share, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)
-            slow = [
-                f", {of_shape:.3g} {unit} more near standstill (Stribeck, over {shape.threshold:.2g} "
-                f"{'m' if unit == 'N' else 'rad'}/s)"
-                for shape, of_shape in result.taken_shapes(place)
-                if shape.kind == "stribeck"
-            ]
             text = (
-                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding{''.join(slow)} (link side, at the "
-                "loads and temperatures of these records) was found in the records and taken out of the torque; "
+                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding"
+                f"{_near_standstill(result, place, unit)} (link side, at the loads and temperatures of these records) "
+                "was found in the records and taken out of the torque; "
                 f"{share:.2g} % of the power of distortion and noise is left"
             )
             notes.append(Note("friction-taken-out", text, severity="information"))
@@ -231,6 +234,16 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             )
             notes.append(Note("friction-left", text, severity="information"))
     return tuple(notes)
+
+
+def _near_standstill(result: FrictionTakenOut, place: str, unit: str) -> str:
+    """By how much slow motion has more friction, and below which velocity; empty without a Stribeck curve."""
+    curves = [(shape.threshold, more) for shape, more in result.taken_shapes(place) if shape.kind == "stribeck"]
+    if not curves:
+        return ""
+    total = sum(more for _, more in curves)
+    v_s = sum(velocity * more for velocity, more in curves) / total
+    return f", {total:.3g} {unit} more near standstill (Stribeck, over {v_s:.2g} {'m' if unit == 'N' else 'rad'}/s)"
 
 
 def _dependence(result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> Iterator[Note]:

@@ -65,6 +65,9 @@ from elastid.record import Record
 SHARP_CELLS = 32
 # Steps on the finer cells from there: one leaves friction several times as far from where repetition ends.
 _SHARP_STEPS = 2
+# Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
+# tenth of it, times the gain of the loop there, which is below one.
+_NOISE_SHARE = 0.1
 
 
 def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Motion:
@@ -181,7 +184,10 @@ def with_inertial_accelerance(
     # Six records give it to less than a percent.
     of_records = (execution or Execution()).ordered(work, records[:6]) if motors else []
     for m, *parts in zip(motors, *of_records, strict=True):
-        X, y = (np.concatenate(equations, axis=-1) for equations in zip(*parts, strict=True))
+        X, y, other = (np.concatenate(equations, axis=-1) for equations in zip(*parts, strict=True))
+        # The loop's torque answers noise as it answers motion: where y is noise, the regression finds -1 / C.
+        if np.mean(np.abs(other) ** 2) > _NOISE_SHARE * np.mean(np.abs(y) ** 2):
+            continue
         A = (X.conj() @ X.T).real
         solution = np.linalg.solve(A, (X.conj() @ y).real)
         variance = np.mean(np.abs(y - solution @ X) ** 2) / 2 * np.linalg.inv(A)[0, 0]
@@ -200,12 +206,17 @@ def _lowest_hz(highest_hz: float, rate_hz: float) -> float:
 
 def _equations(
     places: Sequence[str], friction: FrictionTakenOut, highest_hz: float, record: Record
-) -> list[tuple[ComplexArray, ComplexArray]]:
-    """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above `highest_hz`."""
+) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:
+    """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above `highest_hz`.
+
+    With y (N,) at lines that hold what does not repeat; of one period those of the highest eighth, barely moved.
+    """
     n, rate_hz = whole_samples(record), record.rate_hz
-    lowest = _lowest_hz(highest_hz, rate_hz)
-    lines = np.arange(0, n // 2, n // record.period_samples)
-    lines = lines[line_frequencies(lines, rate_hz, n) > lowest]
+    lowest, repeats = _lowest_hz(highest_hz, rate_hz), n // record.period_samples
+    every = np.arange(n // 2)
+    above = line_frequencies(every, rate_hz, n) > lowest
+    lines = every[above & (every % repeats == 0)]
+    other = every[above & (every % repeats != 0)] if repeats > 1 else every[-len(every) // 8 :]
     equations = []
     for place in places:
         torque = held_spectrum(record.u[:n, record.inputs.index(place)])
@@ -214,7 +225,7 @@ def _equations(
         inertia = integrated(torque, s, 2)
         spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
         Y, _, _ = own_spectrum(record, place)
-        equations.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines]))
+        equations.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines], Y[other]))
     return equations
 
 

@@ -9,7 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.nonlinear.choice import Choice, choose_shapes, narrowed, neighbours_of, refined
+from elastid.nonlinear.choice import (
+    LIMITS,
+    Choice,
+    by_unknown_shapes,
+    choose_shapes,
+    narrowed,
+    neighbours_of,
+    refined,
+)
 from elastid.nonlinear.levels import NormalEquations, solve
 from elastid.nonlinear.shapes import Shape
 
@@ -150,3 +158,34 @@ def test_signs_far_apart_and_ideal_ones_are_left_alone(speeds: tuple[float, ...]
     shapes = [Shape("motor 2", "sign", speed) for speed in speeds]
     found = refined(choice_of(shapes, list(range(len(shapes)))), np.ones(len(shapes)), PLACES)
     assert found.shapes == tuple(shapes)
+
+
+def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:
+    """F_c is 1 % off with the neighbour's velocity, by less than a tenth of that with two about its own."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    truth = 90 * np.sign(v) + 30 * np.sign(v) * np.exp(-((v / 0.01) ** 2))
+
+    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
+        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
+        return solve(X.T @ X, X.T @ truth)
+
+    tried = [Shape("motor 1", "sign"), Shape("motor 1", "stribeck", 0.0135)]
+    levels = fitted(tried)
+    ladder = refined(choice_of(tried, [0, 1]), levels, PLACES)
+    near, _ = narrowed(ladder, fitted(ladder.shapes))
+    of_near = dict(zip(near.shapes, fitted(near.shapes), strict=True))
+    speeds = sorted(shape.threshold for shape in near.shapes if shape.kind == "stribeck")
+    assert speeds[0] < 0.01 < speeds[1]
+    F_c = sum(level for shape, level in of_near.items() if shape.kind == "sign")
+    assert abs(levels[0] - 90) > 0.5
+    assert abs(F_c - 90) < 0.1 * abs(levels[0] - 90)
+
+
+def test_what_no_shape_has_is_smaller_where_signs_are_all() -> None:
+    """Levels of one motor are off by one factor, those of different motors by their own."""
+    shapes = [Shape("motor 1", "sign"), Shape("motor 1", "bristle", 1e-4), Shape("motor 2", "sign")]
+    C = by_unknown_shapes(choice_of(shapes, [0, 1, 2]), np.array([3.0, 1.0, 2.0]))
+    of_curves, of_signs = np.array([3.0, 1.0]) * LIMITS.shape_error, 2.0 * LIMITS.sign_error
+    np.testing.assert_allclose(C[:2, :2], np.outer(of_curves, of_curves))
+    np.testing.assert_allclose(C[2], [0, 0, of_signs**2])
+    assert LIMITS.sign_error < LIMITS.shape_error

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from elastid.nonlinear import reconstruct as reversals
-from elastid.nonlinear.motion import Motion, folded, laplace, motion_of
-from elastid.nonlinear.reconstruct import fixed_point, sharp_motion, with_inertial_accelerance
+from elastid.nonlinear.motion import Motion, folded, integrated, laplace, motion_of
+from elastid.nonlinear.reconstruct import fixed_point, held_spectrum, sharp_motion, with_inertial_accelerance
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, spectrum
 from elastid.nonlinear.take_out import net_record
@@ -134,6 +134,19 @@ def test_the_inertia_of_a_motor_is_found_above_the_excited_lines() -> None:
     record, _ = simulated()
     found = with_inertial_accelerance(friction_of(1.1 / J), [record], 12.5)
     np.testing.assert_allclose(found.accelerance, 1 / J, rtol=0.01)
+
+
+def test_noise_that_a_loop_turns_round_shows_no_inertia() -> None:
+    """A loop whose torque answers noise of the angle as a mass of J / 40 would move by it."""
+    record, _ = simulated()
+    n = record.n_samples
+    noise = 0.3 * np.std(record.y) * np.random.default_rng(4).standard_normal(n)
+    impulse = held_spectrum(np.eye(1, n)[0])
+    moved = folded(integrated(impulse, laplace(len(impulse), n, RATE), 2), n)
+    torque = np.fft.irfft(J / 40 * np.divide(np.fft.rfft(noise), moved, where=moved != 0, out=0 * moved), n)
+    record = replace(record, y=record.y + noise[:, None], u=record.u + torque[:, None])
+    small = replace(friction_of(1.1 / J), levels=np.array([1e-6]))
+    np.testing.assert_array_equal(with_inertial_accelerance(small, [record], 12.5).accelerance, 1.1 / J)
 
 
 def test_a_map_that_throws_its_point_back_and_forth_ends_there() -> None:
