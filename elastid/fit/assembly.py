@@ -129,7 +129,7 @@ class Assembly:
         """The problem of the search: the fit as linearised, or linearised at every x where it is local."""
         if not self.is_local:
             return fit.problem
-        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
+        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion), gradient=None)
 
     def _relinearised(self, first: ElasticFit, criterion: ResidualKind, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
@@ -263,7 +263,7 @@ def relinearise(
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
-        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
+        moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
             return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)

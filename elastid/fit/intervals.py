@@ -301,11 +301,11 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     worst = 0.0
     for step in (-half, half):
         end = np.clip(x + step, *problem.parameters.x_bounds)
-        ending = problem.evaluate(end)
-        rise = ending.cost - cost
+        ending, gradient = problem.slope(end)
+        rise = ending - cost
         if not (rise > 0 and np.isfinite(rise)):
             return np.inf
-        worst = max(worst, abs(1 - 0.5 * float(ending.gradient @ (end - x)) / rise))
+        worst = max(worst, abs(1 - 0.5 * float(gradient @ (end - x)) / rise))
     return worst
 
 

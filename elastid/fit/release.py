@@ -24,7 +24,7 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import FitResult
-from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, solve
+from elastid.fit.solve.solvers import FINE, NEAR, solve
 from elastid.fit.tolerances import tolerances_of, with_tolerances
 from elastid.parameters import Parameter
 from elastid.robot import BodyTolerances, Robot, Tolerances
@@ -95,7 +95,7 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
     """
     end = begin
-    for tolerance in (NEAR, ROUGH, FINE):
+    for tolerance in (NEAR, FINE):
         fit = assembly.at(end.x, assembly.spec.criterion)
         end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
     return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)

@@ -27,8 +27,9 @@ F_s / F_c and its velocity have a share in the gain, so that what is learnt near
 none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
 
 Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
-bristle: (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for
-certain, while one that slides by more than z_s in a sample has it at its end.
+bristle: (slip z_s)^2 l e^-l (1 - min(1, z / z_s)^2), l = |v| T_s / z_s, z_s = F_c / sigma_0, z < 0 against the motion as
+zero: a joint that creeps does not take its bristle for certain, while one that slides has it at its end. Noise there
+would move F_c along what one direction and speed leave open, F_c against b, since the slope of z to F_c follows z.
 """
 
 from __future__ import annotations
@@ -224,7 +225,8 @@ def _process_noise(
     z_s = coulomb / joint.bristle_stiffness
     slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
     own = ca.SX.zeros(len(names))
-    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped)
+    bent = ca.fmax(0, ca.fmin(1, x[names.index("z")] * ca.sign(x[names.index("v_m")]) / z_s))
+    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped) * (1 - bent**2)
     if "w" in names:
         own[names.index("w")] = noise[2]
     for i, name in enumerate(joint.followed):

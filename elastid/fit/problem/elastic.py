@@ -128,7 +128,8 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
+        rough = _Rough(self)
+        return LeastSquares(self.parameters, self.n_residuals, rough, border, rough.slope)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -137,6 +138,21 @@ class ElasticFit:
                 return self._evaluate(x, precision)
             except np.linalg.LinAlgError:
                 return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+
+    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """V and its gradient of `evaluate` alone."""
+        V, g = 0.0, np.zeros(len(x))
+        with np.errstate(all="ignore"):
+            try:
+                for group in self._groups:
+                    theta, T = self.theta(group[0], x), self._chain(group[0], x)
+                    costs, gradients = zip(*(part.normal.slope(theta) for part in group), strict=True)
+                    V, g = V + sum(costs), g + T.T @ sum(gradients)
+            except np.linalg.LinAlgError:
+                return math.inf, np.zeros(len(x))
+        distance, slope = self.priors(x)
+        b, b_slope, _ = barrier(self.inertias, self.parameters, x)
+        return V + float(distance @ distance) + b, 2 * (g + slope * distance) + b_slope
 
     def rough(self, x: FloatArray) -> Evaluation:
         """The same with J^T J from single precision, enough to step."""
@@ -218,6 +234,10 @@ class _Rough:
 
     def __call__(self, x: FloatArray) -> Evaluation:
         return self.fit.rough(x)
+
+    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """V and its gradient alone."""
+        return self.fit.slope(x)
 
     def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
         return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
