@@ -104,8 +104,9 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
     """A link at 6 to 15 Hz; one at 1 kHz is rigid."""
     for resonance_hz in (6.0, 15.0):
         fit = regress_motion(with_link(resonance_hz))
-        bound = float(re.findall(r"swings at ([0-9.]+) Hz at most", fit.misfit)[0])
-        assert resonance_hz < bound < 1.6 * resonance_hz
+        low, high = map(float, re.findall(r"swings at ([0-9.]+) to ([0-9.]+) Hz", fit.misfit)[0])
+        assert low < resonance_hz < high < 1.6 * resonance_hz
+        assert abs(fit.chosen["inertia"] - J) < 1.96 * fit.chosen.std("inertia")
     fit = regress_motion(with_link(1000.0))
     assert not fit.misfit
     assert abs(fit.chosen["inertia"] - J) < 3 * fit.chosen.std("inertia")
