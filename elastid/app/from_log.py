@@ -48,13 +48,14 @@ _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 class Clock:
     """The rate of a log in Hz, None where nothing shows it; the name of its time.
 
-    is_even: its samples need not be brought to the rate.
+    is_even: its samples need not be brought to the rate.  is_in_s: as a study has its times.
     """
 
     rate_hz: float | None
     why: str
     name: str = ""
     is_even: bool = True
+    is_in_s: bool = True
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
@@ -72,22 +73,63 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     signals = [(guess, x) for guess, x in signals if not is_time(guess.name) and guess.name != clock.name]
     if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
         clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
-    guess = guess_log(signals, clock.rate_hz or 1.0)
-    if guess is None:
+    guess, together = guess_log(signals, clock.rate_hz or 1.0), False
+    if guess is None and len(logs) > 1:
+        signals += _in_other_files(logs, form, clock, signals)
+        guess, together = guess_log(signals, clock.rate_hz or 1.0), True
+        clock = replace(clock, is_even=not (clock.name and clock.is_in_s))
+    if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
         raise DataError(_no_guess(first, form, len(signals)))
+    if together:
+        guess, logs = _torques_first(guess, logs)
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
-        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, (), ())]
+        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, (), (), together)]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
     period = _period(drives)
-    files = [text, *_files(paths, guess.joints, _realisations(logs, form, guess.joints, period[0]))]
+    realisations = () if together else _realisations(logs, form, guess.joints, period[0])
+    files = [text, *_files(paths, guess.joints, realisations, together)]
     content = [*_head("responses", first), *_responses(guess, clock, period), *files]
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined(content)}
+
+
+def _in_other_files(
+    logs: Sequence[Path], form: TextFormatSpec, clock: Clock, first: Sequence[tuple[ChannelGuess, FloatArray]]
+) -> list[tuple[ChannelGuess, FloatArray]]:
+    """The signals of the other logs at the instants of the first one, where one clock stamps both, or row by row."""
+    taken, result = {(guess.name, guess.column) for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
+    with opened_log(logs[0], form) as log:
+        at = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name else np.zeros(0)
+    for number, path in enumerate(logs[1:], start=2):
+        with opened_log(path, form) as log:
+            signals = [(replace(guess, file=number), x) for guess, x in signals_of(log, _MAX_SAMPLES)]
+            times = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name in log.shapes() else None
+        for guess, x in signals:
+            if guess.name == clock.name or is_time(guess.name) or (guess.name, guess.column) in taken:
+                continue
+            if times is not None and len(times) == len(x) and times[0] < at[-1] and at[0] < times[-1]:
+                result.append((guess, np.interp(at, times, x)))
+            elif first and not clock.name and len(x) == len(first[0][1]):
+                result.append((guess, x))
+    return result
+
+
+def _torques_first(guess: LogGuess, logs: Sequence[Path]) -> tuple[LogGuess, list[Path]]:
+    """The logs that the channels are in, that of the torques first, and the channels by their new numbers."""
+    every = [each for joint in guess.joints for each in (joint.torque, joint.motion)] + list(guess.further)
+    order = list(dict.fromkeys(each.file for each in every))
+
+    def numbered(each: ChannelGuess) -> ChannelGuess:
+        return replace(each, file=1 + order.index(each.file))
+
+    joints = [replace(j, torque=numbered(j.torque), motion=numbered(j.motion)) for j in guess.joints]
+    further = tuple(numbered(each) for each in guess.further)
+    return replace(guess, joints=tuple(joints), further=further), [logs[number - 1] for number in order]
 
 
 def _joined(lines: Iterable[str]) -> str:
@@ -106,7 +148,9 @@ def _clock(log: Log) -> Clock:
             grid = even_grid(t - t[0])
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
-            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
+            return Clock(
+                float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even, unit == "s"
+            )
     arrays = log.arrays if isinstance(log, ArrayLog) else {}
     for name, array in arrays.items():
         if array.rate_hz:
@@ -198,7 +242,7 @@ def _rate(clock: Clock) -> Iterator[str]:
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
     if not clock.is_even:
-        yield f"    time: {_quoted(clock.name)} # its steps are uneven: samples are brought to rate_hz"
+        yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
 
 
 def _period(drives: FloatArray) -> list[str]:
@@ -221,6 +265,7 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
     keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
     keys += [f"column: {guess.column}"] if guess.column is not None else []
+    keys += [f"file: {guess.file}"] if guess.file > 1 else []
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
         other = _DRIVE_UNIT[of_robot]
         why = f"{why} a {quantity}; scale is the {other} of one {unit}"
@@ -234,7 +279,15 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(paths: Sequence[str], joints: Sequence[JointGuess], realisations: Sequence[int]) -> Iterator[str]:
+def _files(
+    paths: Sequence[str], joints: Sequence[JointGuess], realisations: Sequence[int], together: bool
+) -> Iterator[str]:
+    """together: of one measurement."""
+    if together:
+        of_structure, others = ", configuration: bench" if joints else "", ", ".join(map(_quoted, paths[1:]))
+        yield "    files: # guessed: one measurement, torques and motions in files of their own"
+        yield f"      - {{path: {_quoted(paths[0])}, also: [{others}]{of_structure}}}"
+        return
     of_structure = ", configuration: bench, realisation: {}" if joints else ""
     why = "each of an excitation of its own" if len(set(realisations)) > 1 else "all hold periods of one excitation"
     yield "    files:" + (f" # guessed: {why}" if joints and len(paths) > 1 else "")

@@ -17,12 +17,14 @@ where K_e independent segments would inform as much as the K that overlap (Welch
 
 so that resonances are flattened by beta, 1/6 of the second difference of H under Hann's window.  `total` holds the
 square of beta, less the part that noise makes of it.  A sine that sweeps, or rings down, is in few segments at each
-line, and so is what their windows leak; with the leverage h_k of a segment the covariance of its errors is
+line, and so is what their windows leak, in each repeat alike; with the leverage h_j of a segment and its repeats
 
-.. math:: C_h = \frac{1}{n_u - \sum_k h_k^2} \sum_k h_k V_k V_k^H, \qquad h_k = U_k^H S_{uu}^{-1} U_k
+.. math:: C_h = \frac{1}{n_u} \sum_j \frac{E_j S_{uu}^{-1} E_j^H}{(1 - h_j / n_u)^2}, \qquad
+          E_j = \sum_{k \in j} V_k U_k^H, \quad h_j = \sum_{k \in j} U_k^H S_{uu}^{-1} U_k
 
-(White, Econometrica 48, 1980), which `total` holds where it is larger, over some lines, than S_vv makes it.  A
-resonance narrower than a few lines is flattened beyond that, and what a boxcar leaks lies between the lines.
+is the covariance of V by the changes of G without each (the jackknife of MacKinnon and White, J. Econometrics 29, 1985,
+by clusters), which `total` holds where it is larger, over some lines, than S_vv makes it.  A resonance narrower than a
+few lines is flattened beyond that, and what a boxcar leaks lies between the lines.
 (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
@@ -30,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.fft import rfft
@@ -49,7 +52,8 @@ from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
-_LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
+_DIFFERENCE = 0.2  # of inputs, relative, below which records are repeats
+_LEAST_DOF = 0.4  # 1 - h / n_u at least: of a line that is in one segment alone nothing is known
 # Of a window's power on its middle line: lines with less of it leak nothing that counts.
 _LEAST_LEAKAGE = 1e-4
 
@@ -198,11 +202,13 @@ def _lines(first: Record, segments: Segments, spec: EstimatorSpec) -> tuple[IntA
     return lines, freq_hz, np.asarray(2 / segments.window.sum() * unit_scale(first, freq_hz, spec.quantity))
 
 
-def _spectra(records: Sequence[Record], segments: Segments, lines: IntArray) -> Iterator[ComplexArray]:
-    """Z = [Y; U] (F, n, K) of all segments, some at a time, each less its mean."""
+def _spectra(
+    records: Sequence[Record], segments: Segments, lines: IntArray, most: int = 4_000_000
+) -> Iterator[ComplexArray]:
+    """Z = [Y; U] (F, n, K) of all segments, each less its mean, so many at a time that they have `most` numbers."""
     w, D = segments.window, segments.step
     L, n = len(w), len(records[0].outputs) + len(records[0].inputs)
-    at_once = max(1, 4_000_000 // (L * n))  # 32 MB
+    at_once = max(1, most // (L * n))
     for record in records:
         refuse_uncomputable(record)
         for begin in range(0, segments.count(record.n_samples), at_once):
@@ -219,19 +225,51 @@ def _spectra(records: Sequence[Record], segments: Segments, lines: IntArray) -> 
 def _by_leverage(
     records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra, G: ComplexArray
 ) -> ComplexArray:
-    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by its weight in G."""
+    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by the changes of G without each."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
     used = np.isin(freq_hz, data.freq_hz)
-    n_y, n_u, inverse = data.n_y, G.shape[2], np.linalg.inv(data.uu)
-    C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
-    for spectra in _spectra(records, segments, lines[used]):
-        Z = spectra * scale[used][:, :, None]
+    n_y, n_u = data.n_y, G.shape[2]
+    inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
+    C = np.zeros((len(G), n_y, n_y), dtype=np.complex128)
+    for group in _repeats(records):
+        most = 4_000_000 // (n_u * len(group))
+        for parts in zip_longest(*(_spectra([record], segments, lines[used], most) for record in group)):
+            E, h = _shares([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
+            E = E / np.maximum(1 - h / n_u, _LEAST_DOF)[:, None, None]
+            C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
+    return np.asarray(C / n_u)
+
+
+def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    """V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), those of repeats added up."""
+    n_y, K = G.shape[1], max(part.shape[2] for part in parts)
+    E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
+    for Z in parts:
         U = Z[:, n_y:]
-        V = Z[:, :n_y] - G @ U
-        h = np.sum(U.conj() * (inverse @ U), axis=1).real
-        C += (V * h[:, None]) @ adjoint(V)
-        squares += np.sum(h**2, axis=1)
-    return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
+        E[..., : Z.shape[2]] += (Z[:, :n_y] - G @ U)[:, :, None] * U.conj()[:, None]
+        h[:, : Z.shape[2]] += np.sum(U.conj() * (inverse @ U), axis=1).real
+    return E, h
+
+
+def _repeats(records: Sequence[Record]) -> list[list[Record]]:
+    """Records by their inputs: those with the same ones, which leak alike."""
+    groups: list[list[Record]] = []
+    for record in records:
+        own = next((group for group in groups if _are_repeats(group[0], record)), None)
+        groups.append([record]) if own is None else own.append(record)
+    return groups
+
+
+def _are_repeats(first: Record, other: Record) -> bool:
+    """True if the inputs differ little, sample by sample; longer ones are compared in parts."""
+    n = min(first.n_samples, other.n_samples)
+    if max(first.n_samples, other.n_samples) > 1.1 * n:
+        return False
+    for begin in range(0, n, 1 << 20):
+        u, v = (np.asarray(record.u[begin : min(begin + (1 << 20), n)]) for record in (first, other))
+        if np.sum((u - v) ** 2) > _DIFFERENCE**2 * np.sum((u - u.mean(axis=0)) ** 2):
+            return False
+    return True
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:

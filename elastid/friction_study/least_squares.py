@@ -38,6 +38,8 @@ FALSE_ALARM = 0.01
 _HIGHEST_HZ, _LEAST_TERMS = 0.2, 8
 # Cosines over a state, and the chance from which on a larger covariance over a state is none.
 _STATE_TERMS, _STATE_CHANCE = 8, 0.05
+# Least mean of such a variance over the truth: that of columns which change no faster than the cosines is all but zero.
+_LEAST_MEAN = 0.1
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
 # Ridges that are tried, of columns of unit length.
@@ -213,16 +215,16 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     terms = [_terms(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(_long_run(part, count) for part, count in zip(parts, terms, strict=True))
-    squares = np.sum((free_X / size @ bread).reshape(n, m, n_x) ** 2, axis=1)
-    dof = _degrees_of_freedom(np.split(squares, ends), terms)
-    covariance = bread @ meat @ bread
+    of_errors = (free_X / size @ bread).reshape(n, m, n_x)
+    explained = np.hstack([basis, _basis(free_X)]).reshape(n, m, -1)
+    shrinkage, dof = _expected(np.split(of_errors, ends), np.split(explained, ends), terms)
+    covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
     widening = _widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
     wider = widening * np.sqrt(_student(dof)) / size
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
     independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
-    covariance = covariance * independent / max(1.0, independent - n_x - basis.shape[1])
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
     pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
     normal = inverse_normal(np.hstack([flat_X, flat_R]))[n_x:, n_x:]
@@ -274,20 +276,32 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[Fl
     return second.beta - first.beta, np.asarray(np.sqrt(variance * _student(np.array(sum(terms)))))
 
 
-def _degrees_of_freedom(squares: Sequence[FloatArray], terms: Sequence[int]) -> FloatArray:
-    r"""Of the variances (n_x,): 2 (E V)^2 / var V of residuals that are white, for squares (n, n_x) of influences.
+def _expected(
+    of_errors: Sequence[FloatArray], explained: Sequence[FloatArray], terms: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    r"""Of the variances (n_x,) by cosines: their mean over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
-    A log's cosines C of B terms have the covariance M = C diag(squares) C^T, and V is 2 / B of their sum of squares.
+    of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained (n, m, r):
+    orthonormal columns of all numbers, which the residuals lack, so that these are smaller than the errors, above all
+    where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of B terms,
+
+    .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """
-    mean, variance = np.zeros(squares[0].shape[1]), np.zeros(squares[0].shape[1])
-    for own, count in zip(squares, terms, strict=True):
+    n_x = of_errors[0].shape[2]
+    truth, mean, variance = np.zeros(n_x), np.zeros(n_x), np.zeros(n_x)
+    for own, columns, count in zip(of_errors, explained, terms, strict=True):
+        squares = np.sum(own**2, axis=1)
         # cos a cos b = (cos(a - b) + cos(a + b)) / 2
-        cosines = np.concatenate([own.sum(axis=0)[None], dct(own, axis=0)[1 : 2 * count + 1] / 2])
+        cosines = np.concatenate([squares.sum(axis=0)[None], dct(squares, axis=0)[1 : 2 * count + 1] / 2])
         j, k = np.indices((count, count)) + 1
-        M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2
+        starts = np.linspace(0, len(own), min(len(own), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
+        sums = np.add.reduceat(np.einsum("nmx,nmr->nxr", own, columns), starts)
+        lacking = dct(sums, axis=0)[1 : count + 1] / 2
+        M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", lacking, lacking)
+        truth += squares.sum(axis=0)
         mean += 2 / count * np.einsum("jjx->x", M)
         variance += (2 / count) ** 2 * np.einsum("jkx,jkx->x", M, M)
-    return np.asarray(mean**2 / np.maximum(variance, 1e-300))
+    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), np.asarray(mean**2 / np.maximum(variance, 1e-300))
 
 
 def _student(dof: FloatArray) -> FloatArray:

@@ -37,6 +37,7 @@ from elastid.friction_study.laws import (
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_spring import find_spring
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
@@ -66,7 +67,7 @@ class MotionLimits:
 
     narrow: float = 0.25  # of the passband, in which a true model has the same numbers
     max_shift: float = 2.8  # of a number between both bands, over its std, that counts as an error of the model
-    inertia_shift: float = 0.9  # of the inertia then, over the std that it is stated with, in a misfit
+    spring_shift: float = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
     max_error: float = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
 
 
@@ -226,18 +227,18 @@ def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[Mo
     chosen, texts = fit.chosen, []
     narrow = _narrow_signals(fit, motions)
     shift, std = _shift_between_bands(fit, motions, signals, narrow)
-    worst = int(np.argmax(np.abs(shift) / std))
-    if (stds := abs(shift[worst] / std[worst])) > LIMITS.max_shift:
-        narrow_hz, name = LIMITS.narrow * fit.passband_hz, chosen.names[worst]
-        is_elastic = abs(shift[0]) > LIMITS.inertia_shift * chosen.std("inertia")
+    if np.max(np.abs(shift) / std) > LIMITS.max_shift:
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(shift, shift))
-        if is_elastic:
+    spring = find_spring(motions, signals, fit.terms.at(fit.chosen), fit.chosen)
+    if spring is not None:
+        stds = np.max(np.abs(spring.change) / np.maximum(np.sqrt(np.diag(fit.chosen.covariance)), 1e-300))
+        chosen = replace(chosen, covariance=chosen.covariance + np.outer(spring.change, spring.change))
+        if stds > LIMITS.spring_shift:
+            low, high = spring.between_hz
             texts.append(
-                f"below {narrow_hz:g} Hz {name} is {stds:.2g} std off that below {fit.passband_hz:g} Hz, and the "
-                f"inertia other, as a spring between motor and link makes them and a rigid axis does not; {ADVICE}"
+                f"the torque has the part of a spring between motor and link, which swings at {low:.2g} to {high:.2g} "
+                f"Hz where the motor is held: numbers are up to {stds:.2g} std other with it; {ADVICE}"
             )
-    if narrow and not texts:
-        texts += _spring(fit, motions, narrow)
     names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
     error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)
     if chosen.widening > 1 and error > LIMITS.max_error:
@@ -257,26 +258,6 @@ def _narrow_signals(fit: MotionFriction, motions: Sequence[Motion]) -> list[Moti
     except DataError:
         return []
     return [] if any(each.used.all() for each in narrow) else narrow
-
-
-def _spring(fit: MotionFriction, motions: Sequence[Motion], narrow: Sequence[MotionSignals]) -> list[str]:
-    r"""The text on a spring between motor and link, if the narrow band shows one beyond chance.
-
-    Below its resonance a spring k that carries the inertia J_l adds to the torque of the motor, of its angle's series,
-
-    .. math:: -\frac{J_l^2}{k} q^{(4)}
-    """
-    terms = replace(fit.terms.at(fit.chosen), spring=True)
-    names, logs = equations_of(motions, narrow, terms)
-    numbers = solve(logs, narrow[0].kept_hz).of_joint(0, range(len(names)), names)
-    if numbers.chance("spring", 1) > FALSE_ALARM:
-        return []
-    freq_hz = np.sqrt(max(numbers["inertia"], 0.0) / numbers["spring"]) / (2 * np.pi)
-    return [
-        f"below {LIMITS.narrow * fit.passband_hz:g} Hz the torque has a part of the angle's fourth derivative, "
-        f"{numbers['spring'] / numbers.std('spring'):.2g} std from zero, as a spring between motor and link gives it "
-        f"(with the motor held, the link swings at {freq_hz:.2g} Hz at most); {ADVICE}"
-    ]
 
 
 def _shift_between_bands(

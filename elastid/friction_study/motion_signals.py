@@ -49,7 +49,7 @@ class Motion:
 class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives, torque as logged; direction: sgn of the velocity.
 
-    derivatives (3, n): of the position as logged, which the filter of both sides smooths: first, second and fourth.
+    derivatives (2, n): of the position as logged, which the filter of both sides smooths.
     taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
     """
 
@@ -85,7 +85,7 @@ class MotionSignals:
         samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
         logged = make_interp_spline(samples / rate, motion.position, k=5)
-        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2, 4)])
+        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
         instants = np.arange(finer * len(position)) / (finer * rate)

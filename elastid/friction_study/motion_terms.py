@@ -34,7 +34,7 @@ class MotionTerms:
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  harmonics: of the motor's turns.  heat: of HEAT,
     about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
     speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
-    it does not.  spring: of a gear, for a test.
+    it does not.
     """
 
     apart: bool = True
@@ -51,7 +51,6 @@ class MotionTerms:
     quadratic: bool = False
     power: float = 2.0
     angles: tuple[float, ...] = ()
-    spring: bool = False
 
     def at(self, numbers: Regression) -> MotionTerms:
         """Those of a regression with these parts, which has found its own nonlinear numbers."""
@@ -269,12 +268,10 @@ def columns_of(
     motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
     """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
-    velocity, acceleration, fourth = signals.derivatives
+    velocity, acceleration = signals.derivatives
     raw = full_rate_columns(motion, signals, terms, about) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
-    if terms.spring:
-        raw["spring"] = -fourth
     return {name: signals.filtered(column) for name, column in raw.items()}
 
 

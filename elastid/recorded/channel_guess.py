@@ -49,7 +49,7 @@ class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  confidence: from 0 to 1.  sign: against its torque.
-    scale: of its numbers to the unit.
+    scale: of its numbers to the unit.  file: that it is in, of those of one measurement.
     """
 
     name: str
@@ -61,6 +61,7 @@ class ChannelGuess:
     why: str
     sign: int = 1
     scale: float = 1.0
+    file: int = 1
 
     @property
     def family(self) -> str:

@@ -47,7 +47,10 @@ class GatheredChannels:
 
 @dataclass(frozen=True)
 class _Part:
-    """The channels of one file with one rate: their places in the study's list, signals (n, c), findings, and rows."""
+    """The channels of one file with one rate: their places in the study's list, signals (n, c), findings, and rows.
+
+    first_s: the first time stamp, None where none was logged.
+    """
 
     file: int
     rate_hz: float
@@ -55,6 +58,7 @@ class _Part:
     signals: FloatArray
     findings: tuple[Finding, ...] = ()
     rows: IntArray | None = None
+    first_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,8 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     if has_time:
         gridded, rows = on_time_stamps(values, rate_hz, log)
     signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
-    return _Part(number, own_rate_hz, members, signals, gridded.findings, rows)
+    first_s = float(values[0, -1]) if has_time else None
+    return _Part(number, own_rate_hz, members, signals, gridded.findings, rows, first_s)
 
 
 def on_time_stamps(values: FloatArray, rate_hz: float, log: Log) -> tuple[Repaired, IntArray]:
@@ -194,7 +199,8 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     findings = (*findings, Finding("channels brought to another rate", len(names), text))
-    return _Part(part.file, rate_hz, part.members, at_times(signals, times, period, 1 / ratio), findings)
+    at_rate = at_times(signals, times, period, 1 / ratio)
+    return replace(part, rate_hz=rate_hz, signals=at_rate, findings=findings, rows=None)
 
 
 def _aligned(
@@ -226,6 +232,9 @@ def _aligned(
             )
         )
         text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}: shifted into step{about}"
+        if not _by_motor(own, "r", N, channels):
+            clock = "row by row, as many samples" if own[0].first_s is None else f"by their times ({shift:.6g} samples)"
+            text = f"{name} has no r: taken to be in step with {paths[0].name} {clock}"
         findings.append(Finding("logs shifted", 1, text))
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
@@ -277,15 +286,30 @@ def _delay_of(
     theirs = _by_motor(other, "r", N, channels)
     delays = {motor: delay(ours[motor], r, N) for motor, r in theirs.items() if motor in ours}
     best = max(delays, key=lambda motor: delays[motor][1], default="")
+    shift = None if theirs else _shift_of_one_clock(base[0], other[0], bool(sent))
+    if shift is not None:
+        return shift, True
     if not best or delays[best][1] < CLOCK.min_correlation:
         agree = f"best correlation {delays[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
         raise DataError(
             f"{path}: its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
-            "of that excitation alone"
+            "of that excitation alone, or give recorded.time where one clock stamps both"
         )
-    shift = delays[best][0]
+    lag = delays[best][0]
     # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.
-    return (shift, True) if best in sent else (float(round(shift)), False)
+    return (lag, True) if best in sent else (float(round(lag)), False)
+
+
+def _shift_of_one_clock(first: _Part, other: _Part, has_excitation: bool) -> float | None:
+    """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
+
+    None where their times do not overlap, or there are none and not as many samples, or where the first one has an
+    excitation: what two loggers record of it has its own start in each, and every sample between them is phase.
+    """
+    if first.first_s is None or other.first_s is None:
+        return 0.0 if not has_excitation and len(first.signals) == len(other.signals) else None
+    shift = (first.first_s - other.first_s) * first.rate_hz
+    return shift if -len(first.signals) < shift < len(other.signals) else None
 
 
 def _by_motor(

@@ -94,7 +94,7 @@ def test_leakage_is_in_the_total_covariance() -> None:
     assert 0.5 < of_total < 2
 
 
-@pytest.mark.parametrize("kind", ["chirp", "sweep from rest"])
+@pytest.mark.parametrize("kind", ["chirp", "sweep from rest", "three repeats"])
 def test_a_sine_that_is_in_few_segments_leaks_within_its_intervals(kind: str) -> None:
     """Of lines with power more than 90 % hold the truth, by coherence and leakage of a window alone fewer."""
     coverage = h1_coverage(kind, 1)

@@ -181,6 +181,19 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.5, -0.3])
+def test_a_log_without_the_excitation_is_in_step_by_the_times_of_one_clock(late_s: float, tmp_path: Path) -> None:
+    """The encoder's log starts later or earlier than that of the torques."""
+    t = np.arange(P * N)
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "t": 7 + t / RATE})
+    write_log(tmp_path / "encoder.h5", {"y": log(t + late_s * RATE, noise=1e-4)["y"], "t": 7 + late_s + t / RATE})
+    channels = (*CHANNELS[:2], replace(CHANNELS[2], file=2))
+    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
+    record = _measure(tmp_path, _spec(channels=channels, files=files, time="t"))
+    assert "encoder.h5 has no r: taken to be in step with log.h5 by their times" in said(record.notes)[0]
+    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+
+
 def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
     fast = log(np.arange(4 * P * N) / 4)["y"]

@@ -102,10 +102,12 @@ class FileSpec:
         "logs, or for a repeat.")] = 0
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
-    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, started at other times. Each must hold "
-        "the excitation r (or one period of it and nothing else) of a motor whose r or u is in `path`; its delay is "
-        "found from that, and taken out.", "for signals of another logger; without a common signal the delay is not "
-        "known, and phase is then wrong by 360 deg times frequency times delay.")] = ()
+    also: Annotated[tuple[str, ...], Key("Other logs of the same experiment. One that started at another time must "
+        "hold the excitation r (or one period of it and nothing else) of a motor whose r or u is in `path`; its delay "
+        "is found from that, and taken out. One without r is in step by recorded.time; where no log has r or times, by "
+        "its rows, of which it must have as many.", "for signals of another logger, or torques and angles in files of "
+        "their own; without a common signal or clock the delay is not known, and phase is then wrong by 360 deg times "
+        "frequency times delay.")] = ()
     period: Annotated[Period | None, Key("Period of the excitation in this file where it differs from that of the "
         "others.", "where files of several excitations are in one study; `none` for a single transient among "
         "them.")] = None
