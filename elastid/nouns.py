@@ -13,7 +13,6 @@ rooms above them; the constructors here call these rooms. Keyword arguments are 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -115,8 +114,8 @@ class Response(response_room.FrequencyResponse, metaclass=_Noun):
         E = shaft_couplings(robot)
         shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
         friction = None if spec.friction == "none" else find_friction(shafts, spec)
-        estimate = partial(estimate_without_friction, friction=friction, spec=spec, planned_lines=None, E=E, robot=robot)
-        return response_room.Responses(estimate(group) for group in groups.values())
+        parts = (estimate_without_friction(group, friction, spec, None, E, robot) for group in groups.values())
+        return response_room.Responses(parts)
 
     @staticmethod
     def load(path: Path | str) -> response_room.Responses:
