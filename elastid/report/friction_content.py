@@ -14,6 +14,13 @@ from elastid.friction_study.result import FrictionNumber, FrictionResult, JointF
 from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
+# The first answer, by the status.
+GOOD = {
+    "identified": "Yes.",
+    "partly": "Yes, as far as there are any: some that were asked for are missing.",
+    "misfit": "Not to be believed as they stand.",
+    "failed": "There are none.",
+}
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
 # Parts of a law without numbers, in words.
@@ -62,18 +69,53 @@ class FrictionContent:
         return grouped((*self.result.notes, *of_joints, *of_filters))
 
     @property
+    def questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The three questions of every page, each with its sentences."""
+        return (
+            ("Are the numbers good?", (GOOD[self.result.status], *self._numbers)),
+            ("Where does it fail, and why?", self._failures),
+            ("What next?", self._next),
+        )
+
+    @property
     def answers(self) -> tuple[str, ...]:
-        """A sentence for each joint, on what is not identifiable, and on the truth where the robot is simulated."""
+        """The sentences of all questions."""
+        return tuple(sentence for _, sentences in self.questions for sentence in sentences)
+
+    @property
+    def _numbers(self) -> tuple[str, ...]:
+        """A sentence for each joint, on its motions, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]
         motions = [(joint, joint.motion) for joint in self.result.joints if joint.motion is not None]
-        sentences += [f"Joint {joint.joint} is a misfit: {joint.misfit}." for joint, _ in motions if joint.misfit]
         sentences += [f"Motions of joint {joint.joint}: {motion.seconds_words}." for joint, motion in motions]
-        sentences += [words] if (words := _not_identified(self.result)) else []
         known = [number for number in self.result.numbers if number.truth is not None]
         if known:
             held = sum(number.low <= number.truth <= number.high for number in known if number.truth is not None)
             sentences.append(f"Of {len(known)} true values {held} lie within their 95 % intervals.")
         return tuple(sentences)
+
+    @property
+    def _failures(self) -> tuple[str, ...]:
+        """Misfits, parts that the data do not show, and the torque that is left."""
+        sentences = [f"Joint {each.joint} is a misfit: {each.misfit}." for each in self.result.joints if each.misfit]
+        sentences += [words] if (words := _not_identified(self.result)) else []
+        worst = max(self.twin.balances, key=lambda balance: balance.left, default=None)
+        if worst is not None:
+            sentences.append(
+                f"Of the mean square of the torque of {worst.place} {worst.left:.2g} is left in {worst.log}, without "
+                f"friction {worst.left_without_friction:.2g}."
+            )
+        return tuple(sentences) or ("Nowhere that these logs show.",)
+
+    @property
+    def _next(self) -> tuple[str, ...]:
+        """What would give the parts that are missing, else what the law is good for."""
+        if self.result.status == "failed":
+            return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
+        missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}
+        if missing:
+            return tuple(f"For {part}: {reason}." for part, reason in list(missing.items())[:3])
+        return ("Use the law: elastid export STUDY --run FOLDER --to robot writes it into the robot's file.",)
 
 
 def answer(joint: JointFriction) -> str:

@@ -259,12 +259,30 @@ class FleetContent:
         """The findings in a sentence."""
         robots = len({outcome.robot for outcome in self.outcomes})
         done = sum(not outcome.failed for outcome in self.outcomes)
-        count = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
+        return f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: {self._found}"
+
+    @property
+    def _found(self) -> str:
         if not self.findings:
-            return count + "no parameter differs or drifts beyond what is natural."
+            return "no parameter differs or drifts beyond what is natural."
         first = "; ".join(finding.words for finding in self.findings[:3])
-        more = f"; and {len(self.findings) - 3} more" if len(self.findings) > 3 else ""
-        return f"{count}{first}{more}."
+        return first + (f"; and {len(self.findings) - 3} more." if len(self.findings) > 3 else ".")
+
+    @property
+    def questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Three questions as on every page, each with its sentences."""
+        failed = dict.fromkeys(outcome.robot for outcome in self.outcomes if outcome.failed)
+        lost = f", not those of {', '.join(failed)}" if failed else ""
+        good = f"{self.verdict.partition(':')[0]}{lost}."
+        advice = "Measure again at the next service."
+        if self.findings:
+            advice = f"Look at {self.findings[0].parameter} of {self.findings[0].robot} first, and measure it again."
+        found = f"{self._found[:1].upper()}{self._found[1:]}"
+        return (
+            ("Are the numbers good?", (good,)),
+            ("Which robots differ or drift?", (found,)),
+            ("What next?", (advice,)),
+        )
 
 
 def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
