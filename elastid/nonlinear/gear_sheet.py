@@ -32,7 +32,7 @@ from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal
+from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal, unlike_periods
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -79,7 +79,12 @@ def open_gears(
         for i, joint in enumerate(joints)
     )
     pairs = list(zip(data, drives, strict=True))
-    notes = (*coarse_encoders(data, drives, joints), *_off_notes(result, found), *_same_notes(found))
+    notes = (
+        *unlike_periods(data),
+        *coarse_encoders(data, drives, joints),
+        *_off_notes(result, found),
+        *_same_notes(found),
+    )
     before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
     after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
     effects = found.effects, found.levels
