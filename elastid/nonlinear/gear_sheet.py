@@ -32,7 +32,7 @@ from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal, unlike_periods
+from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -80,7 +80,6 @@ def open_gears(
     )
     pairs = list(zip(data, drives, strict=True))
     notes = (
-        *unlike_periods(data),
         *coarse_encoders(data, drives, joints),
         *_off_notes(result, found),
         *_same_notes(found),
