@@ -25,7 +25,7 @@ COARSE = 0.1
 UNSETTLED = 1e-2
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
-_LOST = "stiffness, damping and friction stay those of the linear fit"
+LOST = "stiffness, damping and friction stay those of the linear fit"
 
 
 def drives_of(
@@ -38,7 +38,7 @@ def drives_of(
     if not elastic_joints(linearisation):
         raise DataError(
             f"no driven joint of robot {linearisation.model.robot.name} has a spring in its gear, by which its effects "
-            f"would be found; give joints a spring; {_LOST}"
+            "would be found; give joints a spring"
         )
     pairs = zip(data, responses, strict=True)
     return [drive_lines(lines, linearisation, G, result.parameters, result.x) for lines, G in pairs]
@@ -57,14 +57,14 @@ def refusal(
     if len(np.unique(np.concatenate([lines.realisation for lines in data]))) < 2:
         return (
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
-            f"to; measure two or more realisations; {_LOST}"
+            f"to; measure two or more realisations; {LOST}"
         )
     late = next((index for index in result.indices if index.name.startswith(_LATE) and index.share > 0.5), None)
     if late is not None and result.status == "misfit":
         return (
             f"the fit finds {late.name} ({100 * late.share:.0f} % of the excess of V): the logged torque is not the "
             "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "
-            f"or free the delay; {_LOST}"
+            f"or free the delay; {LOST}"
         )
     by_note = [G.configuration.name for G in responses if any(_is_unsettled(note) for note in G.notes)]
     apart = {lines.configuration.name: difference(lines) for lines in data}
@@ -72,7 +72,7 @@ def refusal(
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(apart[name] for name in moving):.2g} % of the motion, and effects of gears are found between "
-            f"the excited lines, where a transient lies, too; leave more transient periods out; {_LOST}"
+            f"the excited lines, where a transient lies, too; leave more transient periods out; {LOST}"
         )
     first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
     highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data)
@@ -80,7 +80,7 @@ def refusal(
         return (
             f"the first mode, {first:.3g} Hz, lies above the highest excited line, {highest:.3g} Hz: motors and links "
             "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
-            f"{_LOST}"
+            f"{LOST}"
         )
     return ""
 
