@@ -26,9 +26,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import choose_effects
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
@@ -73,7 +73,9 @@ def open_gears(
     if reason := refusal(data, drives, responses, result):
         return replace(nothing, refused=reason)
     execution.progress(0, 3)
-    found = choose_effects(data, responses, linearisation, result.parameters, result.x, gears.orders)
+    found = find_gear_effects(
+        measured, responses, result, robot, spec, model=model, planned=planned, orders=gears.orders
+    )
     execution.progress(2, 3)  # the search takes about two thirds of the time
     bounds = level_bounds(data, responses, linearisation, found, gears.orders)
     execution.progress(3, 3)
