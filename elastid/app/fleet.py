@@ -53,7 +53,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
             console.warn(f"{folder / name} has changed since it was written; it is made again")
         outcomes = _outcomes(fleet, folder, jobs, console)
         ends = zip(fleet.members, outcomes, strict=True)
-        rows = [row for member, outcome in ends if not outcome.failed for row in _rows(folder, member)]
+        rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
         if not rows:
             raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(_reasons(outcomes))}")
         table, values = _write_table(folder, rows), _values(rows)
@@ -144,7 +144,8 @@ def _summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def _rows(folder: Path, member: Member) -> Iterator[Row]:
+def rows_of(folder: Path, member: Member) -> Iterator[Row]:
+    """The parameters in a member's summary, then what was seen at its gears."""
     summary = _summary(folder / MEMBERS / member.name)
     for name, number in summary.get("parameters", {}).items():
         row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}

@@ -42,7 +42,7 @@ def level_bounds(
 ) -> dict[tuple[GearEffect, ...], float]:
     """The bound of each candidate group, none of whose family is among the effects that were found."""
     families = {family_of(effect) for effect in found.effects}
-    every = candidate_groups(data, found, linearisation, tuple(orders))
+    every = candidate_groups(data, found, linearisation, orders=tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
     effects = [*found.effects, *(effect for group in groups for effect in group)]
     levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])

@@ -26,13 +26,13 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import choose_effects
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import coarse_encoders, deflections, drives_of, left, refusal
+from elastid.nonlinear.gear_limits import LOST, coarse_encoders, deflections, drives_of, left, refusal
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -62,24 +62,34 @@ def open_gears(
     can be found the numbers are those of the fit, and `refused` says why.
     Raises StudyError as `analysed_lines` does.
     """
+    execution = execution or Execution()
     nothing = GearResult(result.x, result.covariance)
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
     try:
-        data = (execution or Execution()).ordered(partial(gather_lines, spec=spec, planned=planned), measured)
+        data = execution.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         drives = drives_of(data, responses, linearisation, result)
     except DataError as error:
-        return replace(nothing, refused=str(error))
+        return replace(nothing, refused=f"{error}; {LOST}")
     if reason := refusal(data, drives, responses, result):
         return replace(nothing, refused=reason)
-    found = choose_effects(data, responses, linearisation, result.parameters, result.x, gears.orders)
+    execution.progress(0, 3)
+    found = find_gear_effects(
+        measured, responses, result, robot, spec, model=model, planned=planned, orders=gears.orders
+    )
+    execution.progress(2, 3)  # the search takes about two thirds of the time
     bounds = level_bounds(data, responses, linearisation, found, gears.orders)
+    execution.progress(3, 3)
     joints, _ = joints_of(linearisation)
     sheets = tuple(
         sheet_of(JointLevels(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
         for i, joint in enumerate(joints)
     )
     pairs = list(zip(data, drives, strict=True))
-    notes = (*coarse_encoders(data, drives, joints), *_off_notes(result, found), *_same_notes(found))
+    notes = (
+        *coarse_encoders(data, drives, joints),
+        *_off_notes(result, found),
+        *_same_notes(found),
+    )
     before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
     after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
     effects = found.effects, found.levels
@@ -151,7 +161,8 @@ class JointLevels:
         reach = self.peak / self.parameter(f"k_{self.joint}")[0]
         for _ in range(40):
             tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
-            reach *= 1 + 0.7 * (self.peak / tau - 1)
+            # A spring that softens may not bear that torque at all.
+            reach *= min(max(1 + 0.7 * (self.peak / tau - 1), 0.5), 2.0)
         return reach
 
 
@@ -194,6 +205,8 @@ def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNum
     tau, rows = gear.torque(np.concatenate([delta, delta[::-1]]), hysteresis=False)
     ends = np.searchsorted(tau[:601], gear.peak * np.arange(4) / 3).clip(0, 600)
     for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
+        if high == low:
+            continue
         width = delta[high] - delta[low]
         meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
         value, row = (tau[high] - tau[low]) / width, (rows[high] - rows[low]) / width

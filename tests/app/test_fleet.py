@@ -1,6 +1,7 @@
 """elastid fleet: one study over robots and dates, restarted, with messages on faults, and the same bytes again."""
 
 import csv
+import json
 import os
 import re
 import shutil
@@ -15,8 +16,10 @@ import pyarrow.parquet
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.app.fleet import rows_of
 from elastid.store.files import keep_checksums
-from elastid.study.fleet import load_fleet
+from elastid.study.fleet import Member, load_fleet
+from elastid.validation.fleet import MEANINGS
 
 SOFT = "r2"
 
@@ -214,3 +217,22 @@ def test_folders_name_their_members(tiny: Path) -> None:
     members = load_fleet(path).members
     assert [member.name for member in members] == ["a_2026-01-01", "a_2026-02-01", "b_2026-01-01"]
     assert members[1].overrides == ("name=a of logs/a/2026-02-01",)
+
+
+def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
+    """Each number that was seen once, those of the fit from there; no bound, and no stiffness of a range."""
+    seen = {"value": 20.0, "std": 0.1, "interval95": [19.8, 20.2], "unit": "N*m"}
+    numbers = {
+        "k_1": seen, "Fb_1": seen, "K1_1": seen, "H_1": seen | {"value": None, "std": None, "interval95": None},
+    }  # fmt: skip
+    parameter = {"value": 2e5, "std": 20.0, "interval95": [1.9e5, 2.1e5], "unit": "N*m/rad"}
+    content = {"status": "converged", "parameters": {"k_1": parameter}, "gears": {"numbers": numbers}}
+    member = Member("a", "2026-11-01", ())
+    folder = tmp_path / "members" / member.name
+    folder.mkdir(parents=True)
+    (folder / "summary.json").write_text(json.dumps(content))
+    rows = {row["parameter"]: row for row in rows_of(tmp_path, member)}
+    assert rows.keys() == {"k_1", "Fb_1"}
+    assert rows["k_1"]["value"] == 2e5
+    assert (rows["Fb_1"]["low"], rows["Fb_1"]["std_repeated"]) == (19.8, 0.1)
+    assert MEANINGS["Fb", True] == "running torque behind the gear grows"

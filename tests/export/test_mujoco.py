@@ -14,7 +14,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.export.mujoco import write_mujoco
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.robot import Anchor, CoilSpring, Compensator
+from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint
+from elastid.robot.simplified import with_joints
 
 
 def test_mujoco_has_the_response(serial_model: FittedRobot, tmp_path: Path) -> None:
@@ -122,3 +123,22 @@ def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobo
         mujoco.mj_step(engine, data)
     hinges = engine.jnt_qposadr[engine.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
     assert np.abs(data.qpos - start)[hinges].max() < 1e-4
+
+
+def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRobot, tmp_path: Path) -> None:
+    """At the motor on the link side; behind the gear, where motor angle and twist turn together, in a tendon."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+
+    def rubbed(joint: Joint) -> Joint:
+        if joint.motor is None:
+            return joint
+        return replace(joint, motor=replace(joint.motor, coulomb=0.1, friction=None), friction=Friction(7.0))
+
+    found = with_joints(serial_model.robot, rubbed)
+    (path,) = write_mujoco(tmp_path, serial_model, found)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    first = found.flexible[0]
+    assert first.motor is not None
+    hinge = engine.joint(f"motor {first.name}")
+    assert engine.dof_frictionloss[hinge.dofadr[0]] == pytest.approx(0.1 * abs(first.motor.ratio))
+    assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))

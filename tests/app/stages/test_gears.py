@@ -108,6 +108,20 @@ def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
 
 
 @pytest.mark.slow
+def test_exports_say_what_they_leave_out(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The FMU has everything and says nothing; MuJoCo has friction alone, and the linear ones none of it."""
+    said = {}
+    for target in ("fmu", "mujoco", "control", "robot"):
+        assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", target]) == 0
+        said[target] = capfd.readouterr().out
+    assert "left out" in said["mujoco"]
+    assert "none of the effects" in said["control"]
+    assert "effects of the gears" not in said["fmu"] + said["robot"]
+    assert "hysteresis" in (folder / "export" / "robot" / "robot.yml").read_text()
+    assert (folder / "export" / "mujoco" / "robot.xml").read_text().count("frictionloss") == 4
+
+
+@pytest.mark.slow
 def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]

@@ -1,0 +1,126 @@
+"""Records from which effects of gears cannot be found: each with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, robot
+
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import FitResult
+from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
+from elastid.linear.linearise import Linearisation
+from elastid.model.formulation import EXACT
+from elastid.nonlinear.gear.drive_lines import DriveLines
+from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.nonlinear.gear_limits import coarse_encoders, difference, drives_of, left, refusal
+from elastid.parameters import Parameter, ParameterSet
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+from elastid.robot.simplified import stiffened
+
+
+@dataclass(frozen=True)
+class Case:
+    """Lines of two experiments whose motion is that of the linear model, with noise, and its response."""
+
+    data: list[PeriodLines]
+    drives: list[DriveLines]
+    responses: list[FrequencyResponse]
+    result: FitResult
+
+    @property
+    def words(self) -> str:
+        """The refusal."""
+        return refusal(self.data, self.drives, self.responses, self.result)
+
+
+def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
+    """Two realisations, 200 Nm rms at the excited lines."""
+    plant: Robot = robot(Gear() if gear is None else gear)
+    numbers = plant.parameters() | {"delay": (0.0, "s")}
+    free = ("k_1", "d_1")
+    parameters = ParameterSet(
+        tuple(Parameter(name, x, unit, log=name in free, free=name in free) for name, (x, unit) in numbers.items())
+    )
+    linearisation = Linearisation.of_robot(plant, EXACT, parameters.names)
+    none = np.zeros(2, bool)
+    result = FitResult(
+        parameters, parameters.x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex"
+    )
+    F, random = int(2 * LINES[-1]), np.random.default_rng(1)
+    excited = np.isin(np.arange(1, F + 1), LINES)
+    U = np.where(excited[:, None, None], 30 * np.exp(2j * np.pi * random.uniform(size=(F, 1, 2))), 0.0)
+    freq_hz, place = LINES * RATE_HZ / SAMPLES, ("motor 1",)
+    G = FrequencyResponse(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
+    scatter = np.full((F, 1), noise**2)
+    lines = PeriodLines(
+        POSTURE, RATE_HZ, SAMPLES, U, U, np.zeros((1, 2)), np.array([noise**2]), scatter, excited, np.arange(2)
+    )
+    drives = drives_of([lines], [G], linearisation, result)
+    lines = replace(lines, Y=drives[0].G @ U)
+    return Case([lines], drives, [G], result)
+
+
+def test_good_records_are_not_refused() -> None:
+    """And the linear model leaves nothing of what it has made itself; a force at the motor is left."""
+    good = case()
+    assert good.words == ""
+    assert coarse_encoders(good.data, good.drives, ["1"]) == []
+    nothing = np.zeros((len(good.data[0].U), good.drives[0].model.n, 2), complex)
+    assert left(good.data, good.drives, [nothing]) < 1e-12
+    pushed = nothing + 0.1 * good.drives[0].B @ good.data[0].U
+    assert left(good.data, good.drives, [pushed]) == pytest.approx(0.1)
+
+
+def test_one_realisation_is_refused() -> None:
+    """An effect must predict realisations that it was not fitted to."""
+    good = case()
+    assert "one realisation" in replace(good, data=[replace(good.data[0], realisation=np.zeros(2, np.int64))]).words
+
+
+def test_gears_that_are_rigid_within_the_band_are_refused() -> None:
+    """A first mode above the lines, with both frequencies; and a robot without a spring in any gear."""
+    stiff = case(Gear(k=2e8))
+    assert "lies above the highest excited line" in stiff.words
+    rigid = Linearisation.of_robot(stiffened(robot(Gear()), ["1"]))
+    with pytest.raises(DataError, match="has a spring in its gear"):
+        drives_of(stiff.data, stiff.responses, rigid, stiff.result)
+
+
+def test_a_torque_that_lags_is_refused() -> None:
+    """Where a delay explains most of a misfit; not where the fit is none."""
+    good = case()
+    moved = np.zeros(1), ("s",), (False,), np.array([2e-3])
+    late = ModificationIndex("delay", "time", ("delay",), *moved, 1e-5, 9.0, 0.9, np.zeros(2))
+    misfit = replace(good.result, status="misfit", indices=(late,))
+    assert "torque_lag" in replace(good, result=misfit).words
+    assert replace(good, result=replace(misfit, status="converged")).words == ""
+    assert "ended as not converged" in replace(good, result=replace(good.result, status="not_converged")).words
+
+
+def test_records_that_are_not_settled_are_refused() -> None:
+    """By the estimator's word on a transient of more than half of the record, or by how far their periods differ."""
+    good = case()
+    note = Note(TRANSIENT_LEFT_OUT, "it may last longer than half of the record: measure more periods")
+    assert "not settled" in replace(good, responses=[replace(good.responses[0], notes=(note,))]).words
+    motion = np.mean(np.abs(good.data[0].Y) ** 2, axis=2)
+    assert (
+        "differ by up to 2 % of the motion" in replace(good, data=[replace(good.data[0], scatter=4e-4 * motion)]).words
+    )
+    noisy = replace(good.data[0], scatter=good.data[0].scatter + motion.mean(), noise=np.array([motion.mean()]))
+    assert difference(noisy) < 1e-3  # of an encoder, at all lines alike
+
+
+def test_an_encoder_that_hides_the_deflection_is_named() -> None:
+    """Noise of a fifth of the torsion of the gear, with both sizes."""
+    good = case()
+    bent = np.abs(good.data[0].Y[good.data[0].excited]).mean()
+    (note,) = coarse_encoders(case(noise=3 * bent).data, good.drives, ["1"])
+    assert note.place == "motor 1"
+    assert "rad of noise at the excited lines" in note.text
+    assert RATIO == 100
