@@ -33,7 +33,7 @@ from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
-from elastid.response import NOT_STRAIGHT
+from elastid.response import BENT, NOT_STRAIGHT
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = evidence.uncertainty.shift[:n] if _blocks_disagree(evidence) else np.zeros(n)
     noise, file = result.std_by_noise, result.std_by_file
-    bent = {note.text.partition(":")[0].removeprefix("motor ") for note in _bent_gears(evidence)}
+    bent = {note.text.removeprefix(BENT).partition(" is ")[0].strip() for note in _bent_gears(evidence)}
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:

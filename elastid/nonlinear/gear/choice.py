@@ -8,7 +8,7 @@ three of their standard deviations are left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -22,6 +22,7 @@ from elastid.nonlinear.gear.levels import (
     Levels,
     NormalEquations,
     find_levels,
+    inverse,
     joints_of,
     lack,
     normal_equations,
@@ -44,11 +45,14 @@ class Limits:
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
     std: float = 3.0  # of a level, below which it is left out at the end
+    trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8
+    correlation: float = 0.95  # of two levels, from which on they are named together
 
 
 LIMITS = Limits()
 ORDERS = (1.0, 2.0)
+_FRICTIONS: dict[Kind, float] = {"friction": 0.0, "load": 0.0, "behind": 0.01}  # turn over such a part of the speed
 _LOST = 10.0  # times smaller than the start
 _SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _RIVALS: tuple[tuple[Kind, ...], ...] = (_SPRINGS, ("friction",), ("behind",))
@@ -57,18 +61,23 @@ _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
 def candidate_groups(
-    data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation, orders: Sequence[float] = ORDERS
+    data: Sequence[PeriodLines],
+    found: Levels,
+    linearisation: Linearisation,
+    bent: Collection[str],
+    orders: Sequence[float] = ORDERS,
 ) -> list[Group]:
-    """Groups for every joint, on the scales of its own motion."""
+    """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone."""
     groups: list[Group] = []
     joints, _ = joints_of(linearisation)
     for j, joint in enumerate(joints):
         speed, deflection = _sizes(data, found, linearisation, j)
         groups += [(GearEffect("friction", joint, part * speed),) for part in (0.0, 0.02, 0.08)]
         groups += [(GearEffect("load", joint),), (GearEffect("behind", joint, 0.01 * speed),)]
-        groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
-        groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
-        groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
+        if joint in bent:
+            groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
+            groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
+            groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
         groups += [
             (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
         ]
@@ -95,11 +104,13 @@ def choose_effects(
     linearisation: Linearisation,
     parameters: ParameterSet,
     x: FloatArray,
+    bent: Collection[str],
     orders: Sequence[float] = ORDERS,
 ) -> Levels:
     """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
 
-    orders: of errors and ripples, in turns of the motor.
+    bent: joints with gears that are no straight springs (`find_bends`): of what friction leaves unexplained, the laws
+    of springs would explain a little of any other gear, too.  orders: of errors and ripples, in turns of the motor.
 
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
@@ -107,18 +118,19 @@ def choose_effects(
     arguments = data, responses, linearisation, parameters
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(*arguments, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, found, linearisation, orders)
+    groups = candidate_groups(data, found, linearisation, bent, orders)
     for _ in range(LIMITS.rounds):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, responses, linearisation, found, further)
         if not added:
-            return found if found.rounds else find_levels(*arguments, found.x, ())
+            found = found if found.rounds else find_levels(*arguments, found.x, ())
+            break
         effects = (*found.effects, *added)
         found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
         found = _pruned(arguments, found)
         for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in _SPRINGS):
             found = _best_spring(arguments, found, joint)
-    return found
+    return replace(found, alike=_alike(arguments, found))
 
 
 def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
@@ -175,12 +187,20 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
 
 
 def _pruned(arguments: _Arguments, found: Levels) -> Levels:
-    """Without what is within some standard deviations of 0, or brakes backwards; sine and cosine go together."""
+    """Without what is within some standard deviations of 0, brakes backwards, or is a trifle of another of its joint.
+
+    Sine and cosine go together.
+    """
     size = found.levels / np.maximum(found.std, 1e-300)
+    power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in found.estimates) * found.levels**2
+    joint = np.array([effect.joint for effect in found.effects])
+    largest = np.array([power[joint == name].max() for name in joint])
     of_group: dict[tuple[str, str, float], float] = {}
     for effect, z in zip(found.effects, size.tolist(), strict=True):
         of_group[effect.family] = max(of_group.get(effect.family, -np.inf), z if effect.brakes else abs(z))
     keep = np.array([of_group[effect.family] >= LIMITS.std for effect in found.effects], bool)
+    is_pair = np.array([effect.kind.endswith("sine") for effect in found.effects], bool)
+    keep &= is_pair | (power > LIMITS.trifle**2 * largest)
     if keep.all():
         return found
     effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
@@ -195,20 +215,9 @@ def _added(
     groups: Sequence[Group],
 ) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    effects = [*found.effects, *(effect for group in groups for effect in group)]
-    levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
-    joints, ratios = joints_of(linearisation)
-    drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
-    estimates: list[Estimate | None] = [None] * len(data)
-    for _ in range(2):  # the second time with the forces of the effects that were found
-        estimates = [
-            estimate_motion(lines, drive, joints, ratios, effects, levels, before)
-            for lines, drive, before in zip(data, drives, estimates, strict=True)
-        ]
     n_x = len(found.x)
-    known = [estimate for estimate in estimates if estimate is not None]
-    sums = normal_equations(data, drives, known, n_x, levels)
-    prior = priors(found.parameters, found.x, n_x + len(levels))
+    candidates = [effect for group in groups for effect in group]
+    sums, prior = _sums_with(data, responses, linearisation, found, candidates)
     chosen = list(range(n_x + len(found.levels)))
     places, first = [], n_x + len(found.levels)
     for group in groups:
@@ -228,6 +237,59 @@ def _added(
         added += groups[best]
         V = costs[best]
     return added
+
+
+def _sums_with(
+    data: Sequence[PeriodLines],
+    responses: Sequence[FrequencyResponse],
+    linearisation: Linearisation,
+    found: Levels,
+    candidates: Sequence[GearEffect],
+) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
+    """Normal equations, and priors, of parameters, levels and levels of candidates about 0."""
+    effects = [*found.effects, *candidates]
+    levels = np.concatenate([found.levels, np.zeros(len(candidates))])
+    joints, ratios = joints_of(linearisation)
+    drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
+    estimates: list[Estimate | None] = [None] * len(data)
+    for _ in range(2):  # the second time with the forces of the effects that were found
+        estimates = [
+            estimate_motion(lines, drive, joints, ratios, effects, levels, before)
+            for lines, drive, before in zip(data, drives, estimates, strict=True)
+        ]
+    known = [estimate for estimate in estimates if estimate is not None]
+    sums = normal_equations(data, drives, known, len(found.x), levels)
+    return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
+
+
+def _alike(arguments: _Arguments, found: Levels) -> tuple[tuple[GearEffect, GearEffect, float], ...]:
+    """Pairs of frictions of a joint, one of them found at least, with their correlation where that is near 1."""
+    data, responses, linearisation, _ = arguments
+    joints, pairs, further = joints_of(linearisation)[0], [], list[GearEffect]()
+    for effect in found.effects:
+        if effect.kind not in _FRICTIONS:
+            continue
+        speed = _sizes(data, found, linearisation, joints.index(effect.joint))[0]
+        for kind, part in _FRICTIONS.items():
+            there = [e for e in found.effects if e.joint == effect.joint and e.kind == kind]
+            other = there[0] if there else GearEffect(kind, effect.joint, part * speed)
+            if other.kind != effect.kind and (other, effect) not in pairs:
+                pairs.append((effect, other))
+                further += [] if there or other in further else [other]
+    if not pairs:
+        return ()
+    sums, prior = _sums_with(data, responses, linearisation, found, further)
+    A, n_x, every = sums.A.sum(axis=0) + prior[0], len(found.x), [*found.effects, *further]
+    own, alike = list(range(n_x + len(found.effects))), []
+    for one, other in pairs:
+        i, j = n_x + every.index(one), n_x + every.index(other)
+        chosen = own if j in own else [*own, j]
+        C = inverse(A[np.ix_(chosen, chosen)])
+        i, j = chosen.index(i), chosen.index(j)
+        correlation = float(C[i, j] / np.sqrt(C[i, i] * C[j, j])) if C[i, i] * C[j, j] > 0 else 1.0
+        if abs(correlation) > LIMITS.correlation:
+            alike.append((one, other, correlation))
+    return tuple(alike)
 
 
 def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:

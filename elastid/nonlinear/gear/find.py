@@ -15,6 +15,7 @@ from elastid.nonlinear.gear.choice import ORDERS, choose_effects
 from elastid.nonlinear.gear.drive_lines import elastic_joints
 from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.nonlinear.gear.straightness import find_bends
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -44,5 +45,8 @@ def find_gear_effects(
         raise DataError(
             f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
         )
-    data = [gather_lines(records, spec, planned) for records in measured]
-    return choose_effects(data, responses, linearisation, result.parameters, result.x, orders)
+    data, bent = [], set[str]()
+    for records in map(tuple, measured):
+        data.append(gather_lines(records, spec, planned))
+        bent |= {bend.joint for bend in find_bends(records, robot, spec, planned)}
+    return choose_effects(data, responses, linearisation, result.parameters, result.x, bent, orders)

@@ -29,7 +29,7 @@ from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.gear.effects import GearEffect, Kind, implicit_law
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.record import Record
-from elastid.response import NOT_STRAIGHT
+from elastid.response import BENT, NOT_STRAIGHT
 from elastid.robot import Robot
 
 
@@ -91,7 +91,7 @@ def _words(bend: Bend) -> str:
     stiffer = f"{100 * abs(bend.softer):.2g} % {'softer' if bend.softer > 0 else 'stiffer'}"
     like = "a gap or lost motion" if bend.shape == "gap" else f"a spring that is about {stiffer} there than unloaded"
     return (
-        f"motor {bend.joint}: the gear's spring is not straight: at {bend.torque:.3g} N*m RMS in the gear, "
+        f"{BENT} {bend.joint} is not straight: at {bend.torque:.3g} N*m RMS in the gear, "
         f"{bend.level_db:.0f} dB of its deflection of {1e3 * bend.deflection:.2g} mrad RMS is distortion as of {like}, "
         "which no friction explains; stiffness and damping are those of this amplitude alone: measure with half and "
         "with twice the torque, and compare"

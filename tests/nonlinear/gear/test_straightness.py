@@ -73,7 +73,7 @@ def test_a_fit_of_a_spring_that_is_not_straight_does_not_converge_in_silence() -
     measured = records(gear)
     response = estimate_without_friction(measured, None, SPEC, LINES, robot=FILE)
     (note,) = [note for note in response.notes if note.code == NOT_STRAIGHT]
-    assert note.text.startswith("motor 1: the gear's spring is not straight: at 2")
+    assert note.text.startswith("the spring in the gear of motor 1 is not straight: at 2")
     spec = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=1)
     result = identify([response], FILE, spec)
     assert result.status == "misfit"
