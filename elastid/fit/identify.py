@@ -187,7 +187,8 @@ def _with_static_agreement(
     begin = replace(starts[0], x=found[1].end.x)
     first = alone.at(begin.x, spec.criterion)
     of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
-    static, result = static_agreement(assembly.loads, of_responses[3]), of_responses[3]
+    result = of_responses[3]
+    static = static_agreement(assembly.loads, result, found[3], found[1].fit)
     if not static.disagrees:
         return *found[:3], replace(found[3], static=static)
     step = found[3].x - result.x
