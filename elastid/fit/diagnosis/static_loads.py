@@ -10,10 +10,10 @@ at the optimum x of both, with H = A + J^T J of both and r of it,
 
 .. math:: r \to r + J A^{-1} J^T r, \qquad C \to A^{-1}
 
-widened as the intervals of the responses alone are. Directions that these do not reach are left to the load tests. Where T or the ratio rho of the deflections is
-beyond chance, the cause is the column c, of those below, with the largest drop (c^T S^-1 r)^2 / c^T S^-1 c: a common
-factor, a part that does not depend on the load (hysteresis, slack), a base that moves or tilts under the stand of the
-gauge, one spring.
+widened as the intervals of the responses alone are. Directions that these do not reach are left to the load tests.
+Where T or the ratio rho of the deflections is beyond chance, the cause is the column c, of those below, with the
+largest drop (c^T S^-1 r)^2 / c^T S^-1 c: a common factor, a part that does not depend on the load (hysteresis, slack),
+a base that moves or tilts under the stand of the gauge, one spring.
 """
 
 from __future__ import annotations
