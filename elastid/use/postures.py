@@ -166,10 +166,15 @@ def rotation_vectors(R: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class JointPath:
-    """Postures (Q, n_u) along a path; unreached: numbers of the rows, counted from 1, that no posture reaches."""
+    """Postures (Q, n_u) along a path.
+
+    unreached: numbers of the rows, counted from 1, that no posture reaches.  beyond: of those beyond the limits of the
+    joints, which are kept: some robots' files are stricter than the robots.
+    """
 
     angles: FloatArray
     unreached: tuple[int, ...] = ()
+    beyond: tuple[int, ...] = ()
 
 
 def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
@@ -185,7 +190,11 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
         turning = [not joint.slides for joint in robot.driven]
         in_degrees = [_unit(heads[words[name]]) in _DEGREES for name in names]
         scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
-        return JointPath(table[:, [words[name] for name in names]] * scale)
+        angles = table[:, [words[name] for name in names]] * scale
+        given = [joint.limits.angle or (-np.inf, np.inf) for joint in robot.driven]
+        low, high = np.array(given, dtype=float).T
+        beyond = np.any((angles < low - 1e-9) | (angles > high + 1e-9), axis=1)
+        return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
     if {"x", "y", "z"} <= set(words):
         position = table[:, [words[axis] for axis in "xyz"]]
         rotation = None
@@ -215,13 +224,21 @@ def _table(path: Path) -> tuple[list[str], FloatArray]:
     for number, row in enumerate(rows[1:], start=2):
         if len(row) != len(heads):
             raise DataError(f"{path}: row {number} has {len(row)} cells, and the first {len(heads)}")
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except ValueError as error:
-        raise DataError(f"{path}: {error}; a path holds numbers alone below its names") from None
+    table = np.array([[_number(cell) for cell in row] for row in rows[1:]])
     if not np.isfinite(table).all():
-        raise DataError(f"{path}: row {int(np.argmax(~np.isfinite(table).all(axis=1))) + 2} is not finite")
+        row, column = (int(place) for place in np.argwhere(~np.isfinite(table))[0])
+        raise DataError(
+            f"{path}: row {row + 2}, column {heads[column]}: '{rows[row + 1][column]}' is no finite number; a path "
+            "holds numbers alone below its names"
+        )
     return heads, table
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
 
 
 def _bare(head: str) -> str:

@@ -51,7 +51,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("1,2\n", "a row of names and a row for each posture"),
         ("1,2\n0,up\n", "holds numbers alone"),
         ("1,2\n0\n", "row 2 has 1 cells"),
-        ("1,2\n0,nan\n", "row 2 is not finite"),
+        ("1,2\n0,nan\n", "row 2, column 2: 'nan' is no finite number"),
         ("x,y,z\n9,9,9\n", "within reach"),
     ],
 )
