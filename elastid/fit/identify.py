@@ -70,7 +70,7 @@ def identify(
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
-    (`placed`), whose deflections count as residuals, too.
+    (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.

@@ -226,9 +226,9 @@ def _table(path: Path) -> tuple[list[str], FloatArray]:
             raise DataError(f"{path}: row {number} has {len(row)} cells, and the first {len(heads)}")
     table = np.array([[_number(cell) for cell in row] for row in rows[1:]])
     if not np.isfinite(table).all():
-        row, column = (int(place) for place in np.argwhere(~np.isfinite(table))[0])
+        line, column = (int(place) for place in np.argwhere(~np.isfinite(table))[0])
         raise DataError(
-            f"{path}: row {row + 2}, column {heads[column]}: '{rows[row + 1][column]}' is no finite number; a path "
+            f"{path}: row {line + 2}, column {heads[column]}: '{rows[line + 1][column]}' is no finite number; a path "
             "holds numbers alone below its names"
         )
     return heads, table

@@ -24,7 +24,7 @@ from prediction_anywhere import Joint, Outside
 import elastid as ei
 from elastid.fit.identify import fit_parameters
 from elastid.fit.load_tests import LoadTest
-from elastid.fit.problem.static_loads import placed
+from elastid.fit.problem.static_loads import placed_tests
 
 LINES = np.linspace(2, 60, 40)
 NOISE = 2e-2  # of the largest element of a row on a line
@@ -138,7 +138,7 @@ def one_fit(seed: int, fault: str = "") -> tuple[ei.FitResult, ei.FitResult | No
     numbers = {n: v * np.exp(0.1 * rng.standard_normal()) for n, (v, _) in robot.parameters().items() if n[0] in "kd"}
     true = outside(robot.with_parameters(numbers))
     measured = responses(true, rng)
-    tests = placed(load_tests(true, rng, FAULTS.get(fault, lambda y, force: y)), {
+    tests = placed_tests(load_tests(true, rng, FAULTS.get(fault, lambda y, force: y)), {
         response.configuration.name: response.configuration for response in measured
     })  # fmt: skip
     spec = ei.FitSpec(
