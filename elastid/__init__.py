@@ -63,6 +63,8 @@ if TYPE_CHECKING:
     from elastid.experiment.specs.simulated import SimulatedSpec as SimulatedSpec
     from elastid.fit.fitted_robot import FittedRobot as FittedRobot
     from elastid.fit.identify import identify as identify
+    from elastid.fit.load_tests import LoadTest as LoadTest
+    from elastid.fit.problem.static_loads import placed_tests as placed_tests
     from elastid.fit.result import FitResult as FitResult
     from elastid.fit.spec import FitSpec as FitSpec
     from elastid.fit.spec import ParameterSpec as ParameterSpec
@@ -162,6 +164,8 @@ _NAMES = {
     "elastid.linear.response.transfer": ("frequency_response",),
     "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec", "WeightSpec"),
     "elastid.fit.identify": ("identify",),
+    "elastid.fit.load_tests": ("LoadTest",),
+    "elastid.fit.problem.static_loads": ("placed_tests",),
     "elastid.fit.result": ("FitResult",),
     "elastid.linear.fitted_model": ("FittedModel",),
     "elastid.linear.posture_model": ("PostureModel", "JointLoop"),

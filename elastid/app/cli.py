@@ -256,7 +256,8 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
 @click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
 @click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
     help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
-@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (1000 if nothing is given).")
+@click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
+    help="Random postures (1000 if nothing is given).")  # fmt: skip
 @click.option(
     "--load",
     type=float,

@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.load_tests import LoadsSpec, LoadTest
-from elastid.fit.problem.static_loads import PlacedTest, load_of, placed
+from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
 from elastid.linear.loaded import LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
@@ -35,7 +35,7 @@ def tests_of(
         for name, angles in experiment.configurations.items()
     }
     named |= {response.configuration.name: response.configuration for response in responses}
-    tests = placed(loads.tests, named)
+    tests = placed_tests(loads.tests, named)
     if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
         return tests
     truth = true_robot(robot, experiment.simulated.truth)

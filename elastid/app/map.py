@@ -49,6 +49,12 @@ class Postures:
                     f"map: {len(path.unreached)} poses of {self.path} (rows {rows}) are out of reach of frame "
                     f"{family.frame} within the limits of the joints, and left out"
                 )
+            if path.beyond:
+                rows = ", ".join(map(str, path.beyond[:5])) + (", ..." if len(path.beyond) > 5 else "")
+                run.console.warn(
+                    f"map: {len(path.beyond)} postures of {self.path} (rows {rows}) are beyond the limits of the "
+                    "joints, and mapped all the same"
+                )
             return path.angles
         seed = run.study.seed or 0
         if self.grid is not None:

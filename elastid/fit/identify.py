@@ -70,7 +70,7 @@ def identify(
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
-    (`placed`), whose deflections count as residuals, too.
+    (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
@@ -187,7 +187,8 @@ def _with_static_agreement(
     begin = replace(starts[0], x=found[1].end.x)
     first = alone.at(begin.x, spec.criterion)
     of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
-    static, result = static_agreement(assembly.loads, of_responses[3]), of_responses[3]
+    result = of_responses[3]
+    static = static_agreement(assembly.loads, result, found[3], found[1].fit)
     if not static.disagrees:
         return *found[:3], replace(found[3], static=static)
     step = found[3].x - result.x

@@ -102,6 +102,8 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
+# Std of an error that would explain a misfit, over its step.
+DOUBT = 0.7
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
@@ -418,14 +420,15 @@ class FitResult:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """Where the model is wrong, the numbers that would explain it, as errors as large as their steps."""
+        """Where the model is wrong, the numbers that would explain it, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
+        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a third to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             Doubt(
-                np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members, tuple(index.steps.tolist()),
-                index.log,
+                DOUBT * np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members,
+                tuple((DOUBT * index.steps).tolist()), index.log,
             )
             for index in leading
         )  # fmt: skip

@@ -10,7 +10,8 @@ taken.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -58,7 +59,17 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
     StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.
+    The last ones are kept: matrices, ports and positions of a posture ask for the same one in turn.
     """
+    numbers = np.asarray(theta, dtype=float).tobytes()
+    point = _rest(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.carries)
+    return replace(point, configuration=configuration)
+
+
+@lru_cache(maxsize=8)
+def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries: bool) -> OperatingPoint:
+    """`equilibrium` by values that have a hash: theta and angles as bytes."""
+    theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), carries)
     free, theta = free_coordinates(model), model.carried(theta, configuration.carries)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
@@ -71,15 +82,16 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
             "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         )
     for _ in range(LIMITS.steps):
-        # Back onto the loops, and downhill along them.
+        # Back onto the loops in full, and from there downhill along them.
         Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
         close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
         pull = Z.T @ (now.torque[free] + K @ close)
-        step = np.zeros(model.n_q)
-        step[free] = close + Z @ _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
-        largest = np.abs(step).max(initial=0.0)
-        step *= min(1.0, LIMITS.step / max(largest, LIMITS.converged_step))
-        q, now = _shortened(model, theta, q, now, step, free)
+        along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
+        back, step = np.zeros(model.n_q), np.zeros(model.n_q)
+        back[free], step[free] = close, Z @ along
+        largest = np.abs(back + step).max(initial=0.0)
+        part = min(1.0, LIMITS.step / max(largest, LIMITS.converged_step))
+        q, now = _shortened(model, theta, q + part * back, part * step, part * float(pull @ along), free)
         if largest <= LIMITS.converged_step:
             break
     for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
@@ -131,10 +143,12 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
 
 
 def _shortened(
-    model: ElasticModel, theta: FloatArray, q: FloatArray, now: _Balance, step: FloatArray, free: IntArray
+    model: ElasticModel, theta: FloatArray, q: FloatArray, step: FloatArray, slope: float, free: IntArray
 ) -> tuple[FloatArray, _Balance]:
-    """q and balance after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
-    slope = float(now.torque @ step)
+    """q and balance after the step, halved until V along it is not nearly as steep uphill at its end.
+
+    slope: of V along the step, where it begins.
+    """
     for halving in range(LIMITS.halvings):
         moved = q + 0.5**halving * step
         now = _balance(model, theta, moved, free)

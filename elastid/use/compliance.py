@@ -39,6 +39,8 @@ class Cut:
     force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        if not np.all(np.isfinite(self.load)):
+            raise ValueError(f"the load {self.load} N is not finite; give three numbers, the force on the frame")
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
         for name in ("normal", "force"):

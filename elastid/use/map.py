@@ -131,30 +131,32 @@ def map_family(
     many = ManyPostures(family)
     lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    pieces = [(robots.position, answers(robots, lines, curve, cut), robots.found) for robots in many.at(angles)]
-    found = np.concatenate([piece[2] for piece in pieces])
+    own, position, of_pieces = [], [], []
+    for robots in many.at(angles):
+        of_pieces.append(robots.found)
+        if robots.found.any():
+            own.append(answers(robots, lines, curve, cut))
+            position.append(robots.position)
+    found = np.concatenate(of_pieces)
     if not found.any():
         raise StudyError(
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight"
         )
-    own = [piece[1] for piece in pieces]
     quantities = tuple(
-        Quantity(key, text, unit, _joined([a.values[key] for a in own]), _joined([a.std[key] for a in own]))
+        Quantity(
+            key, text, unit, np.concatenate([a.values[key] for a in own]), np.concatenate([a.std[key] for a in own])
+        )
         for key, (unit, text) in QUANTITIES.items()
     )
     return WorkspaceMap(
         name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
         np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
-        _joined([piece[0] for piece in pieces]), _joined([a.principal for a in own]), _joined([a.axes for a in own]),
-        family.model.springs, _joined([a.shares for a in own]), _joined([a.peak_hz for a in own]),
-        _joined([a.chatter_hz for a in own]), lines, curve, _joined([a.magnitude for a in own]),
-        _joined([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
+        np.concatenate(position), np.concatenate([a.principal for a in own]), np.concatenate([a.axes for a in own]),
+        family.model.springs, np.concatenate([a.shares for a in own]), np.concatenate([a.peak_hz for a in own]),
+        np.concatenate([a.chatter_hz for a in own]), lines, curve, np.concatenate([a.magnitude for a in own]),
+        np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
     )  # fmt: skip
-
-
-def _joined(parts: list[FloatArray]) -> FloatArray:
-    return np.concatenate([part for part in parts if len(part)])
 
 
 def default_lines(many: ManyPostures, angles: FloatArray) -> FloatArray:

@@ -166,10 +166,15 @@ def rotation_vectors(R: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class JointPath:
-    """Postures (Q, n_u) along a path; unreached: numbers of the rows, counted from 1, that no posture reaches."""
+    """Postures (Q, n_u) along a path.
+
+    unreached: numbers of the rows, counted from 1, that no posture reaches.  beyond: of those beyond the limits of the
+    joints, which are kept: some robots' files are stricter than the robots.
+    """
 
     angles: FloatArray
     unreached: tuple[int, ...] = ()
+    beyond: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -223,7 +228,9 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     table = read_table(path)
     angles = table.angles(robot)
     if angles is not None:
-        return JointPath(angles)
+        low, high = np.array([joint.limits.angle for joint in robot.driven], dtype=float).T
+        beyond = np.any((angles < low - 1e-9) | (angles > high + 1e-9), axis=1)
+        return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
         raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")

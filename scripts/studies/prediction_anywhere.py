@@ -26,7 +26,8 @@ the truth:
 | misfit | 1.9, 2.8 | 1.3, 2.0 | 23, 83 | 100, 100, 100, 100 % |
 | missing | 9.3, 35 | 1.5, 58 | 56, 116 | 100, 100, 99.0, 100 % |
 
-Intervals of misfits are wide: the step of what would explain it counts as one standard deviation.
+Intervals of misfits are wide: 0.7 of the step of what would explain it counts as one standard deviation. The rows of
+misfits were measured with the whole step.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ LISTED = """\
 loads:
   file: loads.csv
   tests:
-    - {configuration: a, force: [0, 30, 0], along: y, std: 1 um}
-    - {angles: [10 deg], torque: [0, 0, 5], std: [1 um, 1 um, 1 um]}
+    - {configuration: a, force: [0, 30, 0], mass: 2 kg, along: y, std: 1 um}
+    - {angles: [10 deg], torque: [0, 0, 5], frame: load, measured_at: tool, covariance: [1e-12, 1e-12, 1e-12, 0, 0, 0]}
 """
 TOOL = """\
 validation:

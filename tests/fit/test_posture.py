@@ -153,7 +153,7 @@ def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
 
 @pytest.mark.parametrize("springs", ["before", "after"])
 def test_coupled_gears_are_those_of_two_coaxial_discs(springs: str) -> None:
-    """By hand: T = I_1 a^2 + I_2 (a + b)^2 + J (E q_m)^2, springs on q_m - q_a behind the coupling or on E of it before.
+    """By hand: T = I_1 a^2 + I_2 (a + b)^2 + J (E q_m)^2, springs on q_m - q_a, or on E of it.
 
     Motors held: compliance and modes; motors free: the tool by a force and by a motor's torque, u = E^T tau.
     """

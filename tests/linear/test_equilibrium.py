@@ -1,5 +1,7 @@
 """Rest under gravity: deflections, holding torques and the stiffness that gravity adds or takes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,9 +11,13 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
-from elastid.model.formulation import serial
+from elastid.model.formulation import formulate, serial
+from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.study import load_robot
+
+ROOT = Path(__file__).parents[2]
 
 M, L, G = 12.0, 0.7, 9.81
 
@@ -158,3 +164,15 @@ def test_a_joint_that_moves_no_inertia_is_named() -> None:
         StudyError, match="configuration home: the mass matrix is singular, motion of joint 2 moves no inertia"
     ):
         equilibrium(model, model.theta, Configuration("home", np.zeros(1)))
+
+
+@pytest.mark.parametrize("angles", [(1.00387526, -0.62551334), (0.84303525, -0.77842651)])
+def test_a_linkage_near_folding_rests_where_the_minimal_formulation_has_it(angles):
+    """Steps back onto the loops are taken in full, whatever work they do: both ended half open without."""
+    robot = load_robot(ROOT / "configs" / "robots" / "linkage_arm.yml")
+    posture, count = Configuration("near folding", np.array(angles)), len(robot.joints)
+    rests = []
+    for equations in ("constrained", "minimal"):
+        model = formulate(robot, ModelSpec(equations))
+        rests.append(equilibrium(model, model.theta, posture).q[:count])
+    np.testing.assert_allclose(rests[0], rests[1], atol=1e-9)

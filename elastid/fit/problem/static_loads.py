@@ -34,7 +34,7 @@ class PlacedTest:
     configuration: Configuration
 
 
-def placed(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
+def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
     """The tests in their postures; StudyError for a configuration that is not there."""
     every = []
     for test in tests:

@@ -109,8 +109,9 @@ def check_tool(study: Study, base: Path) -> Iterator[Problem]:
         elif channel.role == "y":
             yield from check_place((*place, "at"), channel.at, robot)
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
+            kind = channel.at.partition(" ")[0]
             message = (
-                f"{channel.at} takes a {channel.at.partition(' ')[0]}; give quantity: {channel.at.partition(' ')[0]}"
+                f"a {kind} acts at {channel.at}, and the channel holds a {channel.quantity}; it must hold a {kind}"
             )
             yield Problem((*place, "quantity"), message)
 

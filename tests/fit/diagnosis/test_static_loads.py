@@ -6,7 +6,7 @@ from plants.data_sheet_arm import arm, measure
 from plants.loaded_arm import NAMED, load_tests
 
 from elastid.fit.identify import identify
-from elastid.fit.problem.static_loads import placed
+from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
 
 SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
@@ -14,7 +14,7 @@ SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 
 def fitted(changed=lambda y, force: y, robot=None):
     tests = load_tests(robot or arm(), np.random.default_rng(5), changed=changed)
-    return identify(measure(arm(), np.random.default_rng(6)), arm(), SPEC, loads=placed(tests, NAMED))
+    return identify(measure(arm(), np.random.default_rng(6)), arm(), SPEC, loads=placed_tests(tests, NAMED))
 
 
 def softer(factor):

@@ -12,7 +12,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.static_loads import placed
+from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
 
 SPRINGS = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
@@ -27,7 +27,7 @@ def test_slopes_and_counts_of_the_problem(responses):
     """J by differences; dof grows by the readings, of which V expects one each."""
     parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
     tests = load_tests(arm(), np.random.default_rng(1))
-    with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(
+    with_loads = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed_tests(tests, NAMED)).at(
         parameters.x, "complex"
     )
     without = replace(with_loads, loads=None)
@@ -48,10 +48,10 @@ def test_covariance_adds_the_information_of_the_loads(responses):
     tests = load_tests(arm(), np.random.default_rng(2), std=2e-6)
     alone, both = (
         fit_parameters(responses, arm(), SPRINGS),
-        identify(responses, arm(), SPRINGS, loads=placed(tests, NAMED)),
+        identify(responses, arm(), SPRINGS, loads=placed_tests(tests, NAMED)),
     )
     parameters = choose(SPRINGS, arm(), CONFIGURATIONS)
-    fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed(tests, NAMED)).at(both.x, "complex")
+    fit = Assembly.of(responses, arm(), SPRINGS, parameters, loads=placed_tests(tests, NAMED)).at(both.x, "complex")
     _, J = fit.static(both.x)
     expected = np.linalg.inv(np.linalg.inv(alone.covariance) + J.T @ J)
     np.testing.assert_allclose(np.diag(both.covariance), np.diag(expected), rtol=0.25)
@@ -67,7 +67,7 @@ def test_known_forces_narrow_the_gain_of_the_torque(responses):
     """A free torque gain next to stiffnesses: forces that are known in N say which is which."""
     free = FitSpec(parameters={"k_*": ParameterSpec(), "gain_u_motor_1": ParameterSpec()}, starts=1)
     tests = load_tests(arm(), np.random.default_rng(3), std=2e-6)
-    with_loads = identify(responses, arm(), free, loads=placed(tests, NAMED))
+    with_loads = identify(responses, arm(), free, loads=placed_tests(tests, NAMED))
     assert with_loads.std["gain_u_motor_1"] < fit_parameters(responses, arm(), free).std["gain_u_motor_1"]
 
 
@@ -91,7 +91,7 @@ def test_unknown_places_are_named():
     """A configuration and a frame that are not there."""
     test = LoadTest(configuration="c7", force=(0, 0, -1), std=1e-6, deflection=(0, 0, 0))
     with pytest.raises(StudyError, match="no configuration is called c7; there are c0"):
-        placed([test], NAMED)
+        placed_tests([test], NAMED)
 
 
 @pytest.mark.slow
@@ -99,7 +99,7 @@ def test_repetitions_of_the_bootstrap_draw_the_readings_too(responses):
     """Standard deviations of 40 repetitions, within a factor of two of the covariance."""
     tests = load_tests(arm(), np.random.default_rng(4), std=2e-6)
     spec = replace(SPRINGS, bootstrap=40, seed=1)
-    both = identify(responses, arm(), spec, loads=placed(tests, NAMED))
+    both = identify(responses, arm(), spec, loads=placed_tests(tests, NAMED))
     width = np.log(both.bootstrap95[:, 1] / both.bootstrap95[:, 0]) / (2 * 1.96)
     ratio = width / np.sqrt(np.diag(both.covariance))
     assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio
