@@ -199,6 +199,7 @@ def _shaper(name: str, amplitude: FloatArray, time_s: FloatArray, modes: RegionM
 
 def robust_shaper(freq_hz: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Impulses of the shortest shaper with V below 5 % in all modes (n,); FitError where none was found."""
+    freq_hz, zeta = _distinct(freq_hz, zeta)
     slowest = 1 / freq_hz.min()
     step = max(0.5 / freq_hz.max() / _PER_HALF_PERIOD, slowest / _MOST)
     low, high, best = 1, int(np.ceil(_LONGEST * slowest / step)), None
@@ -218,6 +219,16 @@ def robust_shaper(freq_hz: FloatArray, zeta: FloatArray) -> tuple[FloatArray, Fl
     kept = amplitude > 1e-6
     kept[-1] = True
     return amplitude[kept] / amplitude[kept].sum(), time_s[kept]
+
+
+def _distinct(freq_hz: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of modes (n,) within half a per cent of frequency those with least and most damping, and at both ends."""
+    bins = np.round(np.log(freq_hz) / 5e-3)
+    kept = {int(np.argmin(freq_hz)), int(np.argmax(freq_hz))}
+    for own in (np.flatnonzero(bins == each) for each in np.unique(bins)):
+        kept |= {int(own[np.argmin(zeta[own])]), int(own[np.argmax(zeta[own])])}
+    rows = sorted(kept)
+    return freq_hz[rows], zeta[rows]
 
 
 def _programme(time_s: FloatArray, freq_hz: FloatArray, zeta: FloatArray) -> FloatArray | None:
