@@ -52,13 +52,13 @@ def errors(references: References, gains: Gains, target: FloatArray) -> FloatArr
     steps = round(1 / references.rate_hz / 1e-4)
     for name, angle in zip((*names, "q1", "q2"), np.tile(references.position[0], 2), strict=True):
         data.qpos[model.joint(name).qposadr[0]] = angle
-    velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
     away = []
-    for k in [0] * 1000 + list(range(len(target))):
+    for k in [0] * 1000 + [*range(len(target))]:
         if k or away:
             mujoco.mj_forward(model, data)
         away.append(float(np.linalg.norm(data.site("tool").xpos - target[k])))
-        error = gains.kp * (references.position[k] - data.qpos[dof]) + gains.kd * (velocity[k] - data.qvel[dof])
+        error = gains.kp * (references.position[k] - data.qpos[dof])
+        error += gains.kd * (references.velocity[k] - data.qvel[dof])
         data.qfrc_applied[dof] = references.torque[k] + error
         for _ in range(steps):
             mujoco.mj_step(model, data)
