@@ -109,7 +109,7 @@ def _rows(values: FloatArray) -> str:
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """trajectory.yaml: a trajectory_msgs/msg/JointTrajectory, effort the torque, as `ros2 topic pub` takes it."""
+    """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
     from ruamel.yaml import YAML
 
     def listed(values: FloatArray) -> list[float]:
