@@ -42,6 +42,7 @@ def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_f
         assert np.abs(move.at(np.array([1e-4, 2 - 1e-4]), order)).max() < 1e-2
 
 
+@pytest.mark.slow
 def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
     """Two poses: the tool moves along the line, not along the joints' arc."""
     robot = arm()
