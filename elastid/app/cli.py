@@ -302,7 +302,7 @@ def map_command(
 @click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
     help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
 @click.option("--time", "duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Duration in s.")
-@click.option("--fastest", is_flag=True, help="The shortest time within --error.")
+@click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
 @click.option("--error", "error_mm", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
     metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
 @click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
@@ -471,7 +471,7 @@ def explained(error: Exception) -> int:
 
 
 # Commands that write at their end alone.
-WITHOUT_PARTS = {"map", "export", "check", "inspect", "new", "predict"}
+WITHOUT_PARTS = {"map", "tune", "shape", "export", "check", "inspect", "new", "predict"}
 
 
 def interrupted(arguments: Sequence[str]) -> int:

@@ -33,10 +33,11 @@ static const double torque[{n}][{m}] = {{
 int move_at(double t, double q[{m}], double v[{m}], double u[{m}]) {{
   const double step = {step!r};
   double x = t / step;
-  int over = t >= {last!r} * step, k;
+  int over = t >= {last!r} * step, k, held;
   if (!(x > 0)) x = 0;
   if (over) x = {last!r};
   k = (int)x;
+  held = (int)(x + 1e-6); /* the time of a sample may round to just below it */
   if (k > {cells} - 1) k = {cells} - 1;
   x -= k;
   for (int j = 0; j < {m}; j++) {{
@@ -44,7 +45,7 @@ int move_at(double t, double q[{m}], double v[{m}], double u[{m}]) {{
     const double e = b - a;
     q[j] = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)));
     v[j] = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step;
-    u[j] = torque[x < 1 ? k : k + 1][j];
+    u[j] = torque[held][j];
   }}
   return over;
 }}
@@ -74,14 +75,14 @@ def interpolated(tuned: TunedMove, t: FloatArray) -> tuple[FloatArray, FloatArra
     step = float(np.diff(tuned.time_s).mean())
     cells = len(tuned.time_s) - 1
     x = np.clip(t / step, 0.0, cells)
-    k = np.minimum(x.astype(int), cells - 1)
+    k, held = np.minimum(x.astype(int), cells - 1), (x + 1e-6).astype(int)
     x = (x - k)[:, None]
     a, b = tuned.position[k], tuned.position[k + 1]
     c, d = step * tuned.velocity[k], step * tuned.velocity[k + 1]
     e = b - a
     q = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)))
     v = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step
-    return q, v, tuned.torque[np.where(x[:, 0] < 1, k, k + 1)]
+    return q, v, tuned.torque[held]
 
 
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
@@ -108,7 +109,7 @@ def _rows(values: FloatArray) -> str:
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """trajectory.yaml: a trajectory_msgs/msg/JointTrajectory, effort the torque, as `ros2 topic pub` takes it."""
+    """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
     from ruamel.yaml import YAML
 
     def listed(values: FloatArray) -> list[float]:

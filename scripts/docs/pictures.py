@@ -1,4 +1,4 @@
-"""The pictures of the README and of the pages, from a run of the demo and one of the friction template.
+"""The pictures of the README and of the pages, from a run of the demo, with a tuned move, and one of friction.
 
     uv run --group docs python scripts/docs/pictures.py [--demo runs/demo] [--friction runs/friction_of_an_axis]
 
@@ -19,6 +19,8 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullFormatter
 from PIL import Image
 
 import elastid as ei
+from elastid.report.figures.move import move_figure
+from elastid.store.results import read_tune
 
 HERE = Path(__file__).parent / "pictures"
 MOST_BYTES = 120_000
@@ -63,6 +65,11 @@ def workspace(run: Path, path: Path) -> None:
     result = ei.read_fit(run / "fit.h5")
     mapped = ei.map_workspace(result, ei.random_postures(result.robot, 1000), name="demo")
     ei.plot.workspace(mapped).savefig(path, dpi=110)
+
+
+def move(run: Path, path: Path) -> None:
+    """The last tuned move of the run: errors of the tool, and torques."""
+    move_figure(read_tune(run / "tune.h5")).savefig(path, dpi=90)
 
 
 def axes(path: Path) -> None:
@@ -129,6 +136,7 @@ def made(demo: Path, of_friction: Path) -> Iterator[tuple[str, int]]:
         "friction.png": lambda path: friction(of_friction, path),
         "axes.png": axes,
         "map.png": lambda path: workspace(demo, path),
+        "tune.png": lambda path: move(demo, path),
         "report.png": lambda path: page(demo, path),
     }
     for name, drawn in draw.items():

@@ -62,6 +62,14 @@ def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
 
 
 @pytest.mark.slow
+def test_example_18_commands_a_move_that_the_tool_follows() -> None:
+    """Over a hundred times as exactly as with rigid feedforward, and with the catalogue's springs thirty times."""
+    move = example("ex18_command_a_fast_move")
+    assert move["gain"] > 100
+    assert move["over_catalogue"] > 30
+
+
+@pytest.mark.slow
 def test_example_6_finds_the_friction_of_one_axis() -> None:
     """Coulomb and viscous friction within 0.5 % of the truth, by intervals that are as narrow."""
     found = example("ex06_friction_curve")["found"]

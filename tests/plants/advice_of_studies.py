@@ -29,8 +29,10 @@ from elastid.store.files import write_checksum
 from elastid.store.friction_study import read_friction_plan
 from elastid.store.results import read_fit
 from elastid.study import load
+from elastid.use.command.moves import read_move
 from elastid.use.postures import grid_postures, random_postures
 from plants.advice import PACKAGE, Case, Desk, case, pasted, refusal, rendered
+from plants.commanded_arm import arm
 from plants.friction_logs import SPEEDS, sliding_torque, trapezoids, write_log, write_study
 from plants.two_axes import ROBOT, STUDY
 
@@ -226,6 +228,22 @@ def options_of_maps_draws_and_fits(desk: Desk) -> None:
     assert parsed("map", study, *both[:2], "--normal", "0", "0", "1")["random"] == 3
     assert parsed("export", study, "--to", "draws", "--count", "10")["count"] == 10
     assert parsed("fit", study)["study"] == Path(study)
+
+
+@case("use/command/moves.py", "--time for the duration of the move", "--fastest")
+@case("use/command/tune.py", "--error", "--bandwidth", "--time ‹›")
+@case("use/command/replay.py", "--rate")
+def options_of_moves(desk: Desk) -> None:
+    """A way without times is refused until a time is given, 0 for the shortest; the others are options of tune."""
+    path = desk.folder / "move.csv"
+    path.write_text("1,2\n0,0\n0.4,0.2\n", encoding="utf-8")
+    assert "--time for the duration of the move, or --fastest" in refusal(lambda: read_move(path, arm(), "tool"))
+    given = parsed("tune", "study.yml", "--path", str(path), "--time", "1.2", "--error", "2", "--bandwidth", "3",
+        "--rate", "1000")  # fmt: skip
+    assert (given["error_mm"], given["bandwidth_hz"], given["rate_hz"]) == (2.0, 3.0, 1000.0)
+    assert read_move(path, arm(), "tool", given["duration"]).duration == 1.2
+    assert parsed("tune", "study.yml", "--path", str(path), "--fastest")["fastest"]
+    assert read_move(path, arm(), "tool", 0.0).duration == 0.0
 
 
 @case("use/postures.py", "--frame", "--random")

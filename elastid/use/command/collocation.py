@@ -200,50 +200,67 @@ class _Problem:
         )
         f = ca.sumsqr(tool) + ca.sumsqr(rate) + ca.sumsqr(whole @ ripple.T)
         self.nlp = {"x": x, "f": f, "g": g}
-        # Jacobians of mapped functions are blocks: CasADi would find them by as many sweeps as a block has columns.
         lifts = [ca.kron(inside, ca.DM.eye(n_q)) for inside in inner]
+        jacobian = self._slopes(slopes, Phi, B, lifts, [slope for _, slope, _ in bounded])
+        self.jacobian = ca.Function("nlp_jac_g", [x, ca.MX(0, 1)], [g, jacobian], ["x", "p"], ["g", "jac_g_x"])
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
+        curvature = None
+        if s.is_exact:
+            mu = ca.vertcat(ca.reshape(lam_g[: n_q * n], n_q, n) / self.force_0,
+                            ca.reshape(lam_g[n_q * n : (n_q + n_c) * n], n_c, n))  # fmt: skip
+            weight = ca.repmat(lam_f * self.mesh.step / s.tool_m**2, 1, n)
+            given = Q, V, A, L * self.force_0, mu, self._p, self._R, weight
+            curvature = self._curvature(self.commanded.curvature.map(n)(*given), lifts)
+        H = self._hessian(lam_f, curvature, J, lifts[0])
+        arguments = [x, ca.MX(0, 1), lam_f, lam_g]
+        names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+        self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
+        equal = np.zeros((n_q + n_c) * n)
+        self.low = np.concatenate([equal, *(-bound for _, _, bound in bounded)])
+        self.high = np.concatenate([equal, *(bound for _, _, bound in bounded)])
+        torque = np.tile(self.limits.torque / self.u_0, n)
+        self.upper = np.concatenate([np.full(sizes[0], np.inf), torque, np.full(sizes[2], np.inf)])
+        self.lower = -self.upper
+
+    def _slopes(self, slopes: ca.MX, Phi: ca.MX, B: ca.DM, lifts: list[ca.DM], bounded: list[ca.DM]) -> ca.MX:
+        """Jacobian of the constraints.
+
+        Those of mapped functions are blocks: CasADi would find them by as many sweeps as a block has columns.
+        """
+        n, n_q, n_u, n_c = self.n, self.n_q, self.n_u, self.n_c
         blocks = ca.horzsplit(slopes, 3 * n_q + n_c)
         parts = [_block_diagonal([block[:, i * n_q : (i + 1) * n_q] for block in blocks]) @ lifts[i] for i in range(3)]
         by_u = ca.kron(ca.DM.eye(n), -B / self.force_0)
         by_lambda = _block_diagonal([block[:, 3 * n_q :] for block in blocks]) if n_c else ca.MX(n_q * n, 0)
         rows = [ca.horzcat(sum(parts) / self.force_0, by_u, by_lambda)]
+        others = (n_u + n_c) * n
         if n_c:
-            closing = _block_diagonal(ca.horzsplit(Phi, n_q)) @ lifts[0]
-            rows.append(ca.horzcat(closing, ca.MX(n_c * n, sizes[1] + sizes[2])))
-        rows += [ca.horzcat(slope, ca.MX(slope.size1(), sizes[1] + sizes[2])) for _, slope, _ in bounded]
-        self.jacobian = ca.Function("nlp_jac_g", [x, ca.MX(0, 1)], [g, ca.vertcat(*rows)], ["x", "p"], ["g", "jac_g_x"])
-        E = _block_diagonal(ca.horzsplit(J, n_q)) @ lifts[0] * (np.sqrt(self.mesh.step) / s.tool_m)
-        D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(n_u))
+            rows.append(ca.horzcat(_block_diagonal(ca.horzsplit(Phi, n_q)) @ lifts[0], ca.MX(n_c * n, others)))
+        rows += [ca.horzcat(slope, ca.MX(slope.size1(), others)) for slope in bounded]
+        return ca.vertcat(*rows)
+
+    def _curvature(self, curved: ca.MX, lifts: list[ca.DM]) -> ca.MX:
+        """Second derivatives to the coefficients; those to multipliers, of loops alone, are left out."""
+        n_q = self.n_q
+        blocks = ca.horzsplit(curved, 3 * n_q + self.n_c)
+        H = ca.MX(n_q * self.n, n_q * self.n)
+        for i in range(3):
+            for j in range(3):
+                part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]
+                H += lifts[i].T @ _block_diagonal(part) @ lifts[j]
+        return H
+
+    def _hessian(self, lam_f: ca.MX, curvature: ca.MX | None, J: ca.MX, lift: ca.DM) -> ca.MX:
+        """Of the Lagrangian, with that of the tool's error and the equations, or Gauss and Newton's without."""
+        n, s = self.n, self.settings
+        D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(self.n_u))
         D *= s.rate_s / np.sqrt(self.mesh.step)
-        R = ca.kron(ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(n_q))
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
-        if s.is_exact:
-            mu = ca.vertcat(ca.reshape(lam_g[: n_q * n], n_q, n) / self.force_0,
-                            ca.reshape(lam_g[n_q * n : (n_q + n_c) * n], n_c, n))  # fmt: skip
-            weight = ca.repmat(lam_f * self.mesh.step / s.tool_m**2, 1, n)
-            curved = self.commanded.curvature.map(n)(Q, V, A, L * self.force_0, mu, self._p, self._R, weight)
-            m = 3 * n_q + n_c
-            blocks = ca.horzsplit(curved, m)
-            H_C = ca.MX(sizes[0], sizes[0])
-            for i in range(3):
-                for j in range(3):
-                    part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]
-                    H_C += lifts[i].T @ _block_diagonal(part) @ lifts[j]
-            H_C += 2 * lam_f * R.T @ R
-            H = ca.diagcat(H_C, 2 * lam_f * D.T @ D, ca.MX(sizes[2], sizes[2]))
-        else:
-            H = 2 * lam_f * ca.diagcat(E.T @ E + R.T @ R, D.T @ D, 1e-8 * ca.DM.eye(sizes[2]))
-        given = [x, ca.MX(0, 1), lam_f, lam_g]
-        self.hessian = ca.Function(
-            "nlp_hess_l", given, [ca.triu(H)], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-        )
-        equal = np.zeros((n_q + n_c) * n)
-        self.low = np.concatenate([equal, *(-bound for _, _, bound in bounded)])
-        self.high = np.concatenate([equal, *(bound for _, _, bound in bounded)])
-        widest = np.full(sizes[0], np.inf)
-        torque = np.tile(self.limits.torque / self.u_0, n)
-        self.upper = np.concatenate([widest, torque, np.full(sizes[2], np.inf)])
-        self.lower = -self.upper
+        R = ca.kron(self._ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(self.n_q))
+        if curvature is None:
+            E = _block_diagonal(ca.horzsplit(J, self.n_q)) @ lift * (np.sqrt(self.mesh.step) / s.tool_m)
+            curvature = 2 * lam_f * E.T @ E
+        of_lambda = 1e-8 * lam_f * ca.DM.eye(self.n_c * n)
+        return ca.diagcat(curvature + 2 * lam_f * R.T @ R, 2 * lam_f * D.T @ D, of_lambda)
 
     @property
     def _ripple(self) -> ca.DM:

@@ -175,8 +175,7 @@ class CommandedRobot:
         maps = []
         for k in coarse:
             compliance, moved = self.statics(q[k])
-            held = np.eye(len(J[k])) if self.model.n_q else J[k]
-            back = moved @ np.linalg.pinv(J[k] @ moved, rcond=1e-6) @ held @ J[k]
+            back = moved @ np.linalg.pinv(J[k] @ moved, rcond=1e-6) @ J[k]
             maps.append(-(np.eye(self.model.n_q) - back) @ compliance)
         nearest = np.searchsorted(coarse, np.arange(len(t)), side="right") - 1
         share = (np.arange(len(t)) - coarse[nearest]) / np.diff(np.append(coarse, coarse[-1] + 1))[nearest]

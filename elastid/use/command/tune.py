@@ -109,6 +109,11 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
     require_ends(commanded, move, limits)
     if not move.duration:
         begun = move.in_time(first_duration(commanded, move, limits))
+        if not begun.duration:
+            raise DataError(
+                f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
+                "the shortest; give its joints limits, or a duration"
+            )
         fastest = shortest(commanded, begun, _spared(limits), margin_s, given.error_m)
         if fastest is None:
             raise DataError(

@@ -1,0 +1,58 @@
+"""A small arm under gravity whose second link bends in a joint that no motor drives, with limits, and moves of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.use.command.moves import Move, point_to_point
+from elastid.use.command.tune import Given
+
+START, END = np.radians([0.0, 40.0]), np.radians([35.0, 15.0])
+
+
+def arm(torque: float = 900.0, stiffness: float = 1.0, friction: float = 0.05) -> Robot:
+    """stiffness: a factor on all springs.  friction: Coulomb's, motor side."""
+    limits = Limits(velocity=3.0, torque=torque, angle=(-2.0, 2.0))
+    motor = Motor(2e-3, 100, 1e-3, friction)
+    return Robot(
+        "arm",
+        (
+            Body("upper", joints=(Joint("1", "z", Spring(6e4 * stiffness, 80.0), motor, limits=limits),), mass=20,
+                 center_of_mass=(0.3, 0, 0), inertia=1.0),
+            Body("fore", "upper", Placement((0.6, 0, 0)), (
+                Joint("2", "y", Spring(4e4 * stiffness, 60.0), motor, limits=limits),
+                Joint("2z", "z", Spring(2e4 * stiffness, 20.0)),
+            ), 12, (0.3, 0, 0.02), 0.5),
+        ),
+        frames=(Frame("tool", "fore", Placement((0.6, 0, 0))),),
+    )  # fmt: skip
+
+
+def move(duration: float) -> Move:
+    return point_to_point(START, END, duration)
+
+
+def given(torque: float = 900.0, draws: int = 3) -> Given:
+    """A truth that is 20 % softer than the catalogue, known to 0.3 %."""
+    rng, true = np.random.default_rng(0), arm(torque, 0.8)
+    names = [name for name in true.parameters() if name.startswith("k_")]
+
+    def drawn() -> Robot:
+        factors = dict(zip(names, np.exp(3e-3 * rng.standard_normal(len(names))), strict=True))
+        return true.with_parameters({name: true.parameters()[name][0] * factors[name] for name in names})
+
+    robots = [drawn() for _ in range(draws + 1)]
+    return Given(robots[0], arm(torque), true, "truth", tuple(robots[1:]), "tool", 500.0, 4.0, 1e-3)
+
+
+def rigid_gears(robot: Robot) -> Robot:
+    """The same with rigid gears; its elastic joint stays."""
+
+    def changed(joint: Joint) -> Joint:
+        return replace(joint, spring=None) if joint.motor is not None else joint
+
+    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(bodies))

@@ -1,0 +1,118 @@
+"""A planned move is the closed form of an elastic axis, keeps limits, and is exact where joints bend by themselves."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from plants.commanded_arm import arm, move, rigid_gears
+
+from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.use.command.collocation import SETTINGS, plan
+from elastid.use.command.equations import CommandedRobot
+from elastid.use.command.limits import MotionLimits
+from elastid.use.command.moves import point_to_point
+from elastid.use.command.plans import best_plan, planned_error
+from elastid.use.command.references import sampled, torque_of
+
+FREE = Limits()
+
+
+def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
+    """u = J_m q_m'' + f_m q_m' + J_l q_l'', q_m = q_l + J_l q_l'' / k of a flat output without damping."""
+    J_l, J_m, k, f_m = 2.0, 1.0, 2e3, 5.0
+    axis = Joint("1", "z", Spring(k, 0.0), Motor(J_m / 100, 10.0, f_m / 100))
+    robot = Robot("axis", (Body("arm", joints=(axis,), inertia=J_l),), frames=(
+        Frame("tool", "arm", Placement((1.0, 0, 0))),))  # fmt: skip
+    own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
+    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
+    planned = plan(commanded, own, MotionLimits.of(robot), 0.05)
+    t = np.linspace(0.0, 1.0, 101)
+    link, rate, a, snap = (own.at(t, order)[:, 0] for order in (0, 1, 2, 4))
+    motor_v, motor_a = rate + J_l * own.at(t, 3)[:, 0] / k, a + J_l * snap / k
+    q = planned.q(t)
+    np.testing.assert_allclose(q[:, 1], link + J_l * a / k, atol=2e-5)
+    torque = torque_of(commanded, q, planned.q(t, 1), planned.q(t, 2))[:, 0]
+    expected = J_m * motor_a + f_m * motor_v + J_l * a
+    assert np.abs(torque - expected).max() < 0.01 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("robot", [arm(), rigid_gears(arm())])
+def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Robot) -> None:
+    """Under gravity, with gears elastic or rigid: to a micrometre, where the rigid command leaves it by millimetres."""
+    own = move(0.8)
+    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
+    planned = best_plan(commanded, own, MotionLimits.of(replace_limits(robot, FREE)), 0.1)
+    assert planned.has_converged
+    assert planned_error(commanded, own, planned).max() < 2e-6
+    t = np.linspace(-0.1, 0.9, 400)
+    force = commanded.balance.map(400)(planned.q(t).T, planned.q(t, 1).T, planned.q(t, 2).T, np.zeros((0, 400)))[0]
+    free = force.full()[~commanded.model.B.any(axis=1)]
+    assert np.abs(free).max() < 2e-3 * np.abs(force.full()).max()  # the equations hold between the knots, too
+
+
+@pytest.mark.slow
+def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
+    """Of torque and velocity: with less of both the error grows, and they are never exceeded by half a per cent."""
+    own, errors = move(0.4), []
+    for torque, velocity in ((700.0, 3.0), (480.0, 2.5)):
+        limits = Limits(torque=torque, velocity=velocity, jerk=3e3, acceleration=60.0)
+        robot = replace_limits(arm(), limits)
+        commanded = CommandedRobot.of(robot, "tool", own.ends[0])
+        bounds = MotionLimits.of(robot)
+        planned = best_plan(commanded, own, bounds, 0.1)
+        assert planned.has_converged, planned.status
+        used = sampled(commanded, planned, 500.0, 0.0).use(bounds)
+        # Friction turns around within a sample where the plan lets it do so gradually.
+        assert all(float(part.max()) <= 1.02 for part in used.values()), {k: v.max() for k, v in used.items()}
+        errors.append(float(planned_error(commanded, own, planned).max()))
+    assert errors[1] > errors[0]
+
+
+def test_a_finer_mesh_gives_the_same_motion() -> None:
+    """To a hundredth of a milliradian."""
+    own, robot = move(0.8), arm()
+    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
+    t = np.linspace(0, 0.8, 50)
+    coarse, fine = (
+        plan(commanded, own, MotionLimits.of(robot), 0.1, replace(SETTINGS, knots_per_s=per_s)).q(t)
+        for per_s in (100.0, 200.0)
+    )
+    assert np.abs(coarse - fine).max() < 1e-5
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_inside_ipopt_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal that arrives within the solver, where CasADi makes a return status of it."""
+    make = ca.nlpsol
+
+    def interrupted(*given: Any) -> Any:
+        solver = make(*given)
+
+        def solve(**arguments: Any) -> Any:
+            threading.Timer(0.01, signal.raise_signal, [signal.SIGINT]).start()
+            return solver(**arguments)
+
+        solve.stats = solver.stats  # type: ignore[attr-defined]
+        return solve
+
+    monkeypatch.setattr(ca, "nlpsol", interrupted)
+    own, robot = move(0.8), arm()
+    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
+    with pytest.raises(KeyboardInterrupt):
+        plan(commanded, own, MotionLimits.of(robot), 0.1, replace(SETTINGS, knots_per_s=300.0))
+
+
+def replace_limits(robot: Robot, limits: Limits) -> Robot:
+    """The robot with these limits of its driven joints."""
+
+    def changed(joint: Joint) -> Joint:
+        return replace(joint, limits=limits) if joint.motor is not None else joint
+
+    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(bodies))

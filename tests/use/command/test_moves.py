@@ -1,0 +1,77 @@
+"""Moves are read with their times, keep to a path of poses, and are refused with file, line and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.commanded_arm import arm
+
+from elastid.base.errors import DataError
+from elastid.model.closed_posture import followed
+from elastid.model.kinematics import frame_poses
+from elastid.use.command.moves import point_to_point, read_move
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "move.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path: Path) -> None:
+    """The first time counts as 0; the duration of the file may be replaced."""
+    path = written(tmp_path, "# a path\n t s,1 deg,2 deg\n1.0,0,0\n1.5,10,20\n2.5,30,20\n")
+    move = read_move(path, arm(), "tool")
+    assert (move.duration, move.times_given) == (1.5, True)
+    np.testing.assert_allclose(move.at(np.array([0.0, 0.5, 1.5])), np.radians([[0, 0], [10, 20], [30, 20]]), atol=1e-12)
+    for order in (1, 2):
+        np.testing.assert_allclose(move.at(np.array([-1.0, 0.0, 1.5, 2.0]), order), 0.0, atol=1e-9)
+    slower = read_move(path, arm(), "tool", 3.0)
+    np.testing.assert_allclose(slower.at(np.array([1.0]), 1), move.at(np.array([0.5]), 1) / 2)
+
+
+def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_for(tmp_path: Path) -> None:
+    """Its middle is that of the way; acceleration and jerk vanish at both ends."""
+    move = read_move(written(tmp_path, "1,2\n0,0\n0.4,0.2\n"), arm(), "tool", 2.0)
+    np.testing.assert_allclose(move.at(np.array([1.0])), [[0.2, 0.1]], atol=1e-9)
+    direct = point_to_point(np.zeros(2), np.array([0.4, 0.2]), 2.0)
+    np.testing.assert_allclose(direct.at(np.linspace(0, 2, 9)), move.at(np.linspace(0, 2, 9)))
+    for order in (1, 2, 3):
+        assert np.abs(move.at(np.array([1e-4, 2 - 1e-4]), order)).max() < 1e-2
+
+
+@pytest.mark.slow
+def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
+    """Two poses: the tool moves along the line, not along the joints' arc."""
+    robot = arm()
+    ends = frame_poses(robot, followed(robot, np.radians([[0.0, 40.0], [35.0, 15.0]])), "tool").position
+    text = "x,y,z\n" + "".join(",".join(map(str, row)) + "\n" for row in ends.tolist())
+    with pytest.raises(DataError, match="out of reach"):  # two joints reach a surface, which holds no line
+        read_move(written(tmp_path, text), robot, "tool", 1.0)
+    angles = np.radians(np.column_stack([np.linspace(0, 35, 30), np.linspace(40, 15, 30)]))
+    rows = frame_poses(robot, followed(robot, angles), "tool").position
+    text = "t,x,y,z\n" + "".join(f"{t}," + ",".join(map(str, row)) + "\n" for t, row in enumerate(rows.tolist()))
+    with pytest.raises(DataError, match=r"move\.csv:\d+: on the way to this pose"):
+        read_move(written(tmp_path, text), robot, "tool")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2\n0,0\n", "there is one row"),
+        ("1,2\n0,0\n1,1\n", r"no column t holds times; give one in s, or --time"),
+        ("t,1,2\n0,0,0\n1,x,1\n", r"move\.csv:3: column 1 is 'x'"),
+        ("t,1,2\n# note\n0,0,0\n1,1,nan\n", r"move\.csv:4: column 2 is 'nan'"),
+        ("t,1,2\n0,0,0\n0,1,1\n", r"move\.csv:3: column t is 0 s after 0 s; times must rise"),
+        ("t,1,2\n0,0,0\n1,1\n", r"move\.csv:3: 2 cells, and 3 names in line 1"),
+        ("t,1,1\n0,0,0\n1,1,1\n", r"move\.csv:1: column 1 is there twice"),
+        ("t,1,2\n0,0,0\n1,0,3\n", r"move\.csv:3: joint 2 at 3 rad is beyond its limits .* `2 deg`"),
+        ("t,a\n0,0\n1,1\n", "give one for each driven joint"),
+    ],
+)
+def test_a_file_that_is_no_move_is_refused_with_its_place(tmp_path: Path, text: str, words: str) -> None:
+    """Rows, times, cells, limits."""
+    with pytest.raises(DataError, match=words):
+        read_move(written(tmp_path, text), arm(), "tool")

@@ -1,0 +1,61 @@
+"""A tuned move against the twin with other numbers, and on draws; moves that cannot be made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plants.commanded_arm import END, START, given, move
+
+from elastid.base.errors import DataError
+from elastid.use.command.moves import point_to_point
+from elastid.use.command.tune import CATALOGUE, IDENTIFIED, RIGID, tune_move
+
+HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
+
+
+@pytest.mark.slow
+def test_the_tool_follows_ten_times_as_exactly_as_with_rigid_feedforward() -> None:
+    """On the truth, 20 % softer than the catalogue; the vibration is a third; draws enclose the error."""
+    tuned = tune_move(given(), move(0.8), "arm")
+    rigid, catalogue, identified = (tuned[name] for name in (RIGID, CATALOGUE, IDENTIFIED))
+    assert identified.largest < rigid.largest / 10
+    assert identified.largest < catalogue.largest / 5
+    assert identified.residual < rigid.residual / 3
+    assert identified.high is not None
+    assert identified.low is not None
+    assert np.all(identified.low <= identified.high)
+    assert np.all(tuned.most <= 900.0)
+    assert not tuned.advice
+
+
+@pytest.mark.slow
+def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
+    """Where torque is short the tool leaves its path, and a message says where, why and in which time it need not."""
+    tuned = tune_move(given(torque=420.0), move(0.5), "arm")
+    assert np.all(tuned.most <= 420.0)
+    assert np.all(np.abs(tuned.torque) <= 420.0)
+    assert tuned.planned.max() > 1e-3
+    assert "the torque of joint" in tuned.advice
+    seconds = float(tuned.advice.rpartition("--time ")[2])
+    assert tune_move(given(torque=420.0, draws=0), move(seconds * 1.01), "arm").planned.max() <= 1e-3
+
+
+@pytest.mark.slow
+def test_the_shortest_time_is_that_in_which_the_error_is_just_kept() -> None:
+    """A twentieth less time exceeds it."""
+    tuned = tune_move(given(torque=420.0, draws=0), move(0.0), "arm")
+    assert tuned.planned.max() <= 1e-3
+    assert tune_move(given(torque=420.0, draws=0), move(0.95 * tuned.duration), "arm").planned.max() > 1e-3
+
+
+def test_an_end_that_gravity_does_not_let_be_held_is_named() -> None:
+    """The torque at rest exceeds the limit, whatever the time."""
+    with pytest.raises(DataError, match=r"at its start gravity takes .* of joint 2, whose limit is 20 N\*m"):
+        tune_move(given(torque=20.0, draws=0), move(1.0), "arm")
+
+
+def test_an_end_beyond_the_limits_by_deflection_is_named() -> None:
+    """The motor must stand higher than the joint, which is at its limit."""
+    high = point_to_point(START, np.array([END[0], HIGHEST]), 1.0)
+    with pytest.raises(DataError, match="at its end the motor of joint 2 stands at"):
+        tune_move(given(draws=0), high, "arm")
