@@ -71,11 +71,10 @@ class Structure:
         modal = -(w**2) / (natural**2 - w**2 + 2j * self.zeta * natural * w)
         return np.einsum("ir,fr,jr->fij", self.shapes, modal, self.shapes[: self.n_u])
 
-    def peak(self, freq_hz: FloatArray) -> FloatArray:
+    def peak(self) -> FloatArray:
         """|G| (n, n_y, n_u) of each mode by itself at its frequency."""
-        return np.abs(self.shapes.T[:, :, None] * self.shapes[: self.n_u].T[:, None, :]) / (
-            2 * self.zeta[:, None, None]
-        )
+        shapes = self.shapes.T
+        return np.abs(shapes[:, :, None] * shapes[:, None, : self.n_u]) / (2 * self.zeta[:, None, None])
 
     def moved(self, u: FloatArray) -> FloatArray:
         """Outputs (n, n_y) under forces (n, n_u), which repeat."""
