@@ -84,9 +84,8 @@ def estimate_modes(
         for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
             data = modal_data(response, _residual_variance(response, fit))
             fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
-    return _modes(
-        response, fit, correlated, (stable, counts), stabilisation(orders), exponential_s, poles_hz is not None
-    )
+    shift = 0.0 if exponential_s is None else 1 / exponential_s
+    return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz is not None)
 
 
 def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
