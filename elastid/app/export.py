@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +24,6 @@ from elastid.export.observer import Observer, write_observers
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
-from elastid.response import FrequencyResponse
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
@@ -32,7 +31,7 @@ from elastid.store.results import read_fit
 from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
-ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
+ResponseWriter = Callable[..., tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {
     "control": write_control, "matlab": write_matlab, "mujoco": write_mujoco, "fmu": write_fmu, "urdf": write_urdf,
@@ -42,6 +41,8 @@ TARGETS: dict[str, Writer] = {
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
+# Of these, targets that take the modes of a study without a robot too.
+WITH_MODES = ("csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, DRAWS, OBSERVER = "robot", "draws", "observer"
 
@@ -133,8 +134,13 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
             f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it"
         )
     run.require_result("estimate")
-    folder = clear_folder(run.folder, "export", target)
-    return _reported(run, RESPONSE_TARGETS[target](folder, run.study.name, read_responses(run.path("estimate"))))
+    folder, responses = clear_folder(run.folder, "export", target), read_responses(run.path("estimate"))
+    write = RESPONSE_TARGETS[target]
+    if target in WITH_MODES and run.study.robot is None:
+        from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra
+
+        write = partial(write, modes=modes_of_responses(responses, run.study.modal))
+    return _reported(run, write(folder, run.study.name, responses))
 
 
 def _reported(run: Run, paths: tuple[Path, ...]) -> tuple[Path, ...]:
