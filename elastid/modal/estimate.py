@@ -18,8 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.display import percent
 from elastid.base.errors import DataError, check_kind
 from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.modal.basis import Basis, unstacked
 from elastid.modal.model import ModalData, ModalFit
 from elastid.modal.modes import Modes, without_modes
@@ -46,6 +48,7 @@ class ModeLimits:
     second_shape_std: float = 6.0  # and over its standard deviation
     twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
     twin_mac: float = 0.9
+    wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
 
 
@@ -281,8 +284,25 @@ def _gathered(
         np.array(participations, complex).reshape(-1, n_u).T,
         phase_collinearity(shape_matrix) if shapes else np.empty(0), orders.astype(int), chance,
         response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
-        stated, mode_indicators(response.G), diagram,
+        stated, mode_indicators(response.G), diagram, _damping_notes(modes, response),
     )  # fmt: skip
+
+
+def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note on dampings with wide intervals, and how much more to measure."""
+    half_widths = np.array([QUANTILE_95 * mode.zeta_std / mode.zeta for mode in modes])
+    wide = np.flatnonzero(half_widths > LIMITS.wide_damping)
+    if not wide.size:
+        return ()
+    worst = int(np.argmax(half_widths))
+    unit = "Hz" if response.rate_is_known else "of the sampling rate"
+    narrower = 2 ** int(np.ceil(np.log2(half_widths[worst] / LIMITS.wide_damping)))
+    text = (
+        f"the damping of {wide.size} of {len(modes)} modes is uncertain, by {percent(half_widths[worst], 2)} of itself "
+        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its interval, "
+        f"{narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
+    )
+    return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
 
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:
