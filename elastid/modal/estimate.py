@@ -36,7 +36,10 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class ModeLimits:
-    """Judgement of poles that are more than noise.  False alarms: scripts/studies/modes.py."""
+    """Judgement of poles that are more than noise.
+
+    In 40 random structures under multisines, 321 modes, none was false, and one was missed (`scripts/studies/modes.py`).
+    """
 
     max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
@@ -299,8 +302,8 @@ def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) ->
     narrower = 2 ** int(np.ceil(np.log2(half_widths[worst] / LIMITS.wide_damping)))
     text = (
         f"the damping of {wide.size} of {len(modes)} modes is uncertain, by {percent(half_widths[worst], 2)} of itself "
-        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its interval, "
-        f"{narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
+        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its "
+        f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
     )
     return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
 

@@ -61,8 +61,6 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.modal.estimate import modes_of_responses
-from elastid.modal.spec import ModalSpec
 from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
@@ -123,8 +121,6 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "local-refused": "dof margin_dof input_snr excited_share",
         "local-repeats-averaged": "difference correlation",
     },
-    "modal.estimate.ModeLimits": {"false-mode": "*"},
-    "modal.selection.SelectionLimits": {"false-mode": "*"},
     "nonlinear.choice.Limits": {
         "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
         "unexplained-distortion": "unexplained",
@@ -226,13 +222,8 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
 
 
 def _of_responses(responses: Iterable[FrequencyResponse], robot: Robot) -> dict[str, str]:
-    """Notes on responses, and modes that no spring of the robot makes."""
+    """Notes on responses."""
     codes = _codes(note for response in responses for note in response.notes)
-    springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
-    for response in responses:
-        found = modes_of_responses([response], ModalSpec())[0]
-        if found.n_modes > springs:
-            codes["false-mode"] = f"{found.n_modes} modes of {springs} springs"
     return codes
 
 
