@@ -201,7 +201,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         of_records = _codes(note for record in records for note in record.notes)
         codes |= of_records
         responses = Response.estimate(records, robot)
-        codes |= _of_responses(responses, robot)
+        codes |= _of_responses(responses)
         codes |= {f"local-{code}": text for code, text in _local(records, robot).items() if code not in of_records}
         free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
         spec = FitSpec(parameters=free, starts=3, seed=seed)
@@ -221,10 +221,9 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})
 
 
-def _of_responses(responses: Iterable[FrequencyResponse], robot: Robot) -> dict[str, str]:
+def _of_responses(responses: Iterable[FrequencyResponse]) -> dict[str, str]:
     """Notes on responses."""
-    codes = _codes(note for response in responses for note in response.notes)
-    return codes
+    return _codes(note for response in responses for note in response.notes)
 
 
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
@@ -234,7 +233,7 @@ def _local(records: list[Record], robot: Robot) -> dict[str, str]:
     except ElastidError as error:
         return {"refused": str(error)}
     repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "repeats-averaged"}
-    return _of_responses(responses, robot) | repeats
+    return _of_responses(responses) | repeats
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:
