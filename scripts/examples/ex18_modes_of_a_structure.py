@@ -32,14 +32,14 @@ agreement = np.diag(mac(modes.shapes, shapes))
 model = fit_state_space(response)
 
 if __name__ == "__main__":
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     print(modes)
     print(model)
-    figure, axes = plt.subplots()
+    figure = Figure(figsize=(7, 3.5), layout="constrained")
+    axes = figure.add_subplot()
     axes.semilogy(freq_hz, np.abs(response.G[:, 0, 0]), ".", ms=2, label="measured")
     axes.semilogy(freq_hz, np.abs(modes.synthesis[:, 0, 0]), label="modal model")
     axes.set_xlabel("frequency in Hz")
     axes.set_ylabel("|G| in (m/s²)/N")
     axes.legend()
-    plt.show()
