@@ -62,6 +62,7 @@ def test_noise_alone_has_no_mode() -> None:
         assert estimate_modes(FrequencyResponse(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
 
 
+@pytest.mark.slow
 def test_the_intervals_of_a_draw_are_its_errors() -> None:
     """Mean square of error over std of frequency and damping, 25 draws of five modes: 0.6 to 1.5."""
     errors = []
@@ -84,6 +85,7 @@ def test_a_double_root_is_two_modes() -> None:
     assert np.abs(outside).max() < 0.01
 
 
+@pytest.mark.slow
 def test_six_by_six_and_chosen_poles() -> None:
     """Poles that are named are taken: two of five, of 6 x 6; the others are in the residuals of a band."""
     shapes = np.random.default_rng(2).normal(size=(6, 5))
@@ -94,6 +96,7 @@ def test_six_by_six_and_chosen_poles() -> None:
     np.testing.assert_allclose(modes.zeta, ZETA[1:3], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_an_exponential_window_is_taken_out_of_the_damping() -> None:
     r"""Hits with answers times exp(-t / 0.5 s): the poles of the response have 2 / s more of damping each."""
     tau, t = 0.5, np.arange(2**14) / 400
@@ -118,6 +121,7 @@ def shaken(seed: int) -> Record:
     return Record("a", BENCH, 0, 0, 256.0, len(u), ("1",), ("1",), ("velocity",), u, y, is_periodic=False)
 
 
+@pytest.mark.slow
 def test_dampings_by_segments_have_no_leakage() -> None:
     """Five modes of a random shaker by H1, barely resolved: 20 dampings unbiased, too large by 3 % and more without."""
     ratios, without = [], []
@@ -131,6 +135,7 @@ def test_dampings_by_segments_have_no_leakage() -> None:
     assert np.mean(without) > 1.03
 
 
+@pytest.mark.slow
 def test_the_intervals_hold_the_modes_of_whole_records() -> None:
     """Mean square of error over std of frequency and damping, 12 draws of multisines on three masses: at most 2."""
     natural, damping, _ = true_modes()
