@@ -10,6 +10,8 @@ noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of 
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
+40 draws of multisine: noise 0 of 40, found 320 of 321, false 0, held 92.6 % (frequency) and 95.3 % (damping); 20 of
+random: 0 of 20, 178 of 179, 0, 98.9 and 96.6 %: intervals of frequency by segments are too wide by half.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
 for 95 % with that many modes, of which those of one record have noise in common).
 """
