@@ -160,7 +160,7 @@ def demo(**options: Any) -> None:
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder.
 
-    Templates recorded and frf (responses and their peaks, without a robot) come with a small simulated log in logs/.
+    Templates recorded and frf (responses and their modes, without a robot) come with a small simulated log in logs/.
     """
     from elastid.app import scaffold
 

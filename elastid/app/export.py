@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -27,7 +27,6 @@ from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.response import FrequencyResponse
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
@@ -35,7 +34,7 @@ from elastid.store.results import read_fit, read_gears
 from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
-ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
+ResponseWriter = Callable[..., tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {
     "control": write_control, "matlab": write_matlab, "mujoco": write_mujoco, "fmu": write_fmu, "urdf": write_urdf,
@@ -54,6 +53,8 @@ _LEFT_OUT = {
     "friction by load are left out, which robot and fmu have",
     "urdf": "Coulomb friction is in it; the other effects are left out, which robot and fmu have",
 }  # fmt: skip
+# Of these, targets that take the modes of a study without a robot too.
+WITH_MODES = ("csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
 ROBOT, DRAWS, OBSERVER, COMPENSATION = "robot", "draws", "observer", "compensation"
 
@@ -173,8 +174,13 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
             f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it"
         )
     run.require_result("estimate")
-    folder = clear_folder(run.folder, "export", target)
-    return _reported(run, RESPONSE_TARGETS[target](folder, run.study.name, read_responses(run.path("estimate"))))
+    folder, responses = clear_folder(run.folder, "export", target), read_responses(run.path("estimate"))
+    write = RESPONSE_TARGETS[target]
+    if target in WITH_MODES and run.study.robot is None:
+        from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra
+
+        write = partial(write, modes=modes_of_responses(responses, run.study.modal))
+    return _reported(run, write(folder, run.study.name, responses))
 
 
 def _reported(run: Run, paths: tuple[Path, ...]) -> tuple[Path, ...]:

@@ -19,9 +19,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.modal.estimate import modes_of_responses
 from elastid.modal.modes import Modes
-from elastid.modal.spec import ModalSpec
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_rows
 
@@ -63,9 +61,10 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+def write_responses_csv(
+    folder: Path, name: str, responses: Sequence[FrequencyResponse], modes: Sequence[Modes] = ()
+) -> tuple[Path, ...]:
     """<configuration>-measured.csv for each response, and modes.csv."""
-    modes = modes_of_responses(responses, ModalSpec())
     return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
 
 

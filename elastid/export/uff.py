@@ -1,4 +1,4 @@
-"""Export to universal files: the measured responses as data sets 58, by pyuff (the extra `uff`).
+"""Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55.
 
 A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, any other
 name the next free node, without a direction. nodes.csv lists them.
@@ -17,6 +17,7 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, uff_text
 from elastid.base.files import replacing
+from elastid.modal.modes import Modes
 from elastid.record import Motion
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_rows
@@ -25,11 +26,15 @@ _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
 _ORDINATES: dict[Motion, int] = {"position": 8, "velocity": 11, "acceleration": 12}
 _FORCE, _UNKNOWN = 13, 0
+# Of data set 55: structural, complex eigenvalues of first order, translations.
+_STRUCTURAL, _COMPLEX_MODES, _TRANSLATIONS = 1, 3, 2
 _FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
 
 
-def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
-    """<configuration>.uff for each response, and nodes.csv; StudyError where pyuff is not installed."""
+def write_uff(
+    folder: Path, name: str, responses: Sequence[FrequencyResponse], modes: Sequence[Modes] = ()
+) -> tuple[Path, ...]:
+    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff."""
     try:
         import pyuff
     except ImportError:
@@ -37,13 +42,16 @@ def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -
         raise StudyError(f"{missing}: pip install 'elastid[uff]', or export to csv") from None
     nodes = numbered(place for response in responses for place in (*response.outputs, *response.inputs))
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
+    paths, own_modes = [], {own.configuration: own for own in modes}
     for response in responses:
         path = folder / f"{file_name(response.configuration.name)}.uff"
         with replacing(path) as temporary, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Written as text: pyuff overwrites binary files with headers alone.
-            pyuff.UFF(str(temporary)).write_sets(list(_sets(name, response, nodes)), "overwrite")
+            sets = list(_sets(name, response, nodes))
+            if response.configuration.name in own_modes:
+                sets += _mode_sets(name, own_modes[response.configuration.name], nodes)
+            pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
     rows = [(place, node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items()]
@@ -91,3 +99,30 @@ def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, in
                 "data": np.asarray(response.G[:, i, j]),
                 "x": np.asarray(response.freq_hz),
             }
+
+
+def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+    """Shapes along x, y and z of the nodes, those of rotations and of outputs without a direction left out."""
+    translating = [(i, *nodes[output]) for i, output in enumerate(modes.outputs) if 1 <= nodes[output][1] <= 3]
+    numbers = sorted({node for _, node, _ in translating})
+    for r in range(modes.n_modes if numbers else 0):
+        shape = np.zeros((3, len(numbers)), complex)
+        for i, node, direction in translating:
+            shape[direction - 1, numbers.index(node)] = modes.shapes[i, r]
+        yield {
+            "type": 55,
+            "id1": uff_text(name),
+            "id4": uff_text(modes.configuration),
+            "id5": uff_text(f"{modes.freq_hz[r]:.6g} Hz, damping ratio {modes.zeta[r]:.5g}"),
+            "model_type": _STRUCTURAL,
+            "analysis_type": _COMPLEX_MODES,
+            "data_ch": _TRANSLATIONS,
+            "spec_data_type": _ORDINATES["position"],
+            "data_type": 5,
+            "n_data_per_node": 3,
+            "load_case": 1,
+            "mode_n": r + 1,
+            "eig": complex(modes.poles[r]),
+            "node_nums": numbers,
+            **{f"r{axis + 1}": shape[axis] for axis in range(3)},
+        }

@@ -18,15 +18,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.display import percent
 from elastid.base.errors import DataError, check_kind
 from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.modal.basis import Basis, unstacked
 from elastid.modal.model import ModalData, ModalFit
 from elastid.modal.modes import Modes, without_modes
-from elastid.modal.noise import floored, has_variance, line_variance, normalised_differences, smoothed
+from elastid.modal.noise import floored, has_variance, line_variance, smoothed
 from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
-from elastid.modal.selection import Noise, eliminated, p_values, pursued, residual_peaks
-from elastid.modal.shapes import mode_indicators, phase_collinearity, turned
+from elastid.modal.selection import eliminated, p_values, pursued, residual_peaks
+from elastid.modal.shapes import mode_indicators, phase_collinearity
 from elastid.modal.spec import ModalSpec
 from elastid.modal.uncertainty import Influences
 from elastid.response import FrequencyResponse
@@ -34,7 +36,10 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class ModeLimits:
-    """Judgement of poles that are more than noise.  False alarms: scripts/studies/modes.py."""
+    """Judgement of poles that are more than noise.
+
+    In 40 random structures under multisines, of 321 modes, one was missed and none false (`scripts/studies/modes.py`).
+    """
 
     max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
@@ -46,6 +51,7 @@ class ModeLimits:
     second_shape_std: float = 6.0  # and over its standard deviation
     twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
     twin_mac: float = 0.9
+    wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
 
 
@@ -74,17 +80,18 @@ def estimate_modes(
     """
     check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
     response = usable(response, band_hz)
-    data, noise = modal_data(response)
+    data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
         response.freq_hz, weighted(response, data), data.weight, max_order or _default_order(response)
     )
     stable, counts = clusters(orders)
-    fit = _fitted(data, stable / data.basis.scale, noise, poles_hz)
+    fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz)
     if not has_variance(response):
         for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
-            data, noise = modal_data(response, _residual_variance(response, fit))
-            fit = _fitted(data, stable / data.basis.scale, noise, poles_hz, fit.poles)
-    return _modes(response, fit, noise, (stable, counts), stabilisation(orders), exponential_s, poles_hz is not None)
+            data = modal_data(response, _residual_variance(response, fit))
+            fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
+    shift = 0.0 if exponential_s is None else 1 / exponential_s
+    return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz is not None)
 
 
 def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
@@ -136,12 +143,9 @@ def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray
     return floored(smoothed(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
 
 
-def modal_data(response: FrequencyResponse, variance: FloatArray | None = None) -> tuple[ModalData, Noise]:
-    """The response as weighted columns, and its noise; variance: by default that stated, or by neighbouring lines."""
-    variance = line_variance(response) if variance is None else variance
-    data = ModalData.of(Basis.of(response), response.G, variance)
-    differences = normalised_differences(response.freq_hz, response.G, variance)
-    return data, Noise.of(differences, response.correlated_lines)
+def modal_data(response: FrequencyResponse, variance: FloatArray | None = None) -> ModalData:
+    """The response as weighted columns; variance: by default that stated, or by neighbouring lines."""
+    return ModalData.of(Basis.of(response), response.G, line_variance(response) if variance is None else variance)
 
 
 def weighted(response: FrequencyResponse, data: ModalData) -> ComplexArray:
@@ -159,20 +163,20 @@ def _default_order(response: FrequencyResponse) -> int:
 def _fitted(
     data: ModalData,
     candidates: ComplexArray,
-    noise: Noise,
+    correlated_lines: float,
     poles_hz: Sequence[float] | None,
     start: ComplexArray = NO_POLES,
 ) -> ModalFit:
     """The chosen poles, refined; else those that noise has not by chance, from `start` on."""
     if poles_hz is not None:
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
-    fit = pursued(ModalFit(data, start).refined(), candidates, noise)
+    fit = pursued(ModalFit(data, start).refined(), candidates, correlated_lines)
     for _ in range(3):
-        more = pursued(fit, residual_peaks(fit), noise)
+        more = pursued(fit, residual_peaks(fit), correlated_lines)
         if len(more.poles) == len(fit.poles):
             break
         fit = more
-    return eliminated(fit, noise)
+    return eliminated(fit, correlated_lines)
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
@@ -189,15 +193,14 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
 def _modes(
     response: FrequencyResponse,
     fit: ModalFit,
-    noise: Noise,
     stable: tuple[ComplexArray, IntArray],
     diagram: StabilisationDiagram,
-    exponential_s: float | None,
+    shift: float,
     is_chosen: bool,
 ) -> Modes:
-    influences, scale = Influences(fit, noise.correlated_lines), fit.data.basis.scale
-    chance = p_values(fit, noise)
-    shift = 0.0 if exponential_s is None else 1 / exponential_s
+    """The poles that are modes; shift: of poles by a window that is taken out, 1/s."""
+    influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
+    chance = p_values(fit, response.correlated_lines)
     found = []
     for r in np.argsort(np.abs(fit.poles)).tolist():
         pole = complex(fit.poles[r] * scale)
@@ -264,11 +267,11 @@ def _gathered(
         U, s, Vh = np.linalg.svd(mode.residue)
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
-            shape = turned(U[:, [k]])[:, 0]
-            largest = int(np.argmax(np.abs(shape)))
+            largest = int(np.argmax(np.abs(U[:, k])))
+            shape = U[:, k] / U[largest, k]
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders, mode.chance))
             shapes.append(shape)
-            participations.append(Vh[k] * s[k] * U[largest, k] / shape[largest])
+            participations.append(Vh[k] * s[k] * U[largest, k])
             # By the entries of a residue along the input that drives it, the length of the shape fixed.
             noise = np.sqrt((std**2) @ (np.abs(Vh[k]) ** 2)) / (s[k] * np.abs(U[largest, k]))
             stds.append(noise * np.sqrt(1 + np.abs(shape) ** 2) * (np.arange(len(shape)) != largest))
@@ -284,8 +287,25 @@ def _gathered(
         np.array(participations, complex).reshape(-1, n_u).T,
         phase_collinearity(shape_matrix) if shapes else np.empty(0), orders.astype(int), chance,
         response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
-        stated, mode_indicators(response.G), diagram,
+        stated, mode_indicators(response.G), diagram, _damping_notes(modes, response),
     )  # fmt: skip
+
+
+def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note on dampings with wide intervals, and how much more to measure."""
+    half_widths = np.array([QUANTILE_95 * mode.zeta_std / mode.zeta for mode in modes])
+    wide = np.flatnonzero(half_widths > LIMITS.wide_damping)
+    if not wide.size:
+        return ()
+    worst = int(np.argmax(half_widths))
+    unit = "Hz" if response.rate_is_known else "of the sampling rate"
+    narrower = 2 ** int(np.ceil(np.log2(half_widths[worst] / LIMITS.wide_damping)))
+    text = (
+        f"the damping of {wide.size} of {len(modes)} modes is uncertain, by {percent(half_widths[worst], 2)} of itself "
+        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its "
+        f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
+    )
+    return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
 
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:

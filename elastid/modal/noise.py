@@ -62,12 +62,6 @@ def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
     return np.asarray(np.pad(median, ((2, F - len(power) - 2), (0, 0), (0, 0)), "edge"))
 
 
-def normalised_differences(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> ComplexArray:
-    """Differences (F - 4, C) of neighbouring lines over the standard deviation of their middle line."""
-    d = _differences(freq_hz, G) / np.sqrt(variance[2:-2])
-    return np.asarray(d.reshape(len(d), -1))
-
-
 def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
     """d (F - 4, n_y, n_u), of the variance of a line where neighbours are independent."""
     x = np.lib.stride_tricks.sliding_window_view(freq_hz, 5) / (freq_hz[-1] / len(freq_hz))

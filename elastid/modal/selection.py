@@ -1,11 +1,12 @@
 r"""Choice of the poles that are modes: matching pursuit over stable poles, then backward elimination by F tests.
 
-A pole is kept where its two real columns lower the weighted squares by more than noise does by chance,
+A pole is kept where its two real columns lower the weighted squares of some element by more than noise does by chance,
 
-.. math:: D_r = \sum_c \| Q_r^T e_c \|^2, \qquad \frac{D_r / C}{s_r^2} \sim F(2 C_e, 2 C_e n_r)
+.. math:: D_{rc} = \| Q_r^T e_c \|^2, \qquad \frac{D_{rc}}{2 s_{rc}^2} \sim F(4, 2 n_r)
 
-with the level of noise s_r^2 on the n_r lines about it, and as many independent elements C_e as their correlation
-leaves; its probability is that of the largest of as many trials as there are lines.
+with the level of noise s_rc^2 of the element on the n_r lines about it, and four numbers that are searched for: residue
+and pole.  Its probability is that of the largest of as many trials as there are lines and elements, whose noise may be
+common: that of an input is, at a resonance.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from elastid.modal.model import ModalFit
 
 @dataclass(frozen=True)
 class SelectionLimits:
-    """Thresholds of a mode.  Records of noise with a mode, scripts/studies/modes.py: see there."""
+    """Thresholds of a mode.  Of 40 records of noise none had a mode (`scripts/studies/modes.py`)."""
 
     records_with_false_modes: float = 0.002  # among records of noise, before the judgement of damping
     trials_per_line: float = 2.0
@@ -35,60 +36,40 @@ class SelectionLimits:
 LIMITS = SelectionLimits()
 
 
-@dataclass(frozen=True)
-class Noise:
-    """elements: C_e, independent ones among C.  lines: over which errors are correlated."""
+def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
+    """The probability (n,) that noise has a pole somewhere that lowers the squares so.
 
-    elements: float
-    correlated_lines: float
-
-    @classmethod
-    def of(cls, differences: ComplexArray, correlated_lines: float) -> Noise:
-        """By normalised differences (n, C) of neighbouring lines, those of peaks clipped."""
-        size = np.abs(differences)
-        clipped = differences * np.minimum(1.0, 2.0 / np.maximum(size, 1e-300))
-        clipped = clipped / np.sqrt(np.mean(np.abs(clipped) ** 2, axis=0) + 1e-300)
-        n, C = clipped.shape
-        squares = float(np.sum(np.abs(clipped.conj().T @ clipped / n) ** 2)) - C * (C - 1) / n
-        return cls(float(np.clip(C**2 / max(squares, C), 1.0, C)), correlated_lines)
-
-
-def p_value(drop: float, C: int, level: float, lines: float, noise: Noise, trials: float) -> float:
-    """The probability that noise has a pole with such a drop D of squares somewhere; level: s_r^2, C: elements."""
+    drops (n, C): D of each element.  levels: s^2 likewise, over correlated lines.  lines (n,): that levels are from.
+    """
     from scipy.special import fdtrc
 
-    ratio = drop / C / noise.correlated_lines / max(level, 1e-300)
-    C_e = noise.elements
-    # The pole itself has been searched for: one complex number more.
-    tail = float(fdtrc(2 * C_e + 2, max(2 * C_e * lines, 2.0), ratio * C_e / (C_e + 1)))
-    return min(1.0, tail * trials)
+    ratio = (drops / np.maximum(levels, 1e-300)).max(axis=1, initial=0.0) / 2
+    tail = fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio)
+    return np.asarray(np.minimum(1.0, tail * trials * drops.shape[1]))
 
 
 def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
-    """D (n,) of each candidate by itself."""
+    """D (n, C) of each candidate by itself."""
     columns = fit.data.columns(candidates)
-    norms = np.linalg.norm(columns, axis=0)
-    columns = columns / norms
+    columns = columns / np.linalg.norm(columns, axis=0)
     free = columns - fit.Q @ (fit.Q.T @ columns)
     inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
     pairs = free.reshape(len(free), -1, 2)
     gram = np.einsum("fri,frj->rij", pairs, pairs)
     is_new = np.linalg.eigvalsh(gram)[:, 0] > LIMITS.new_share**2
     gram[~is_new] = np.eye(2)
-    found = np.einsum("ric,rij,rjc->r", inside, np.linalg.inv(gram), inside, optimize=True)
-    return np.where(is_new, found, 0.0)
+    found = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
+    return np.where(is_new[:, None], found, 0.0)
 
 
 def own_drops(fit: ModalFit) -> FloatArray:
-    """D (n,) by which the squares grow without each pole, the others where they are."""
+    """D (n, C) by which the squares grow without each pole, the others where they are."""
     n = len(fit.poles)
     _, R, norms = fit.factors
-    inverse = np.linalg.pinv(R, rcond=1e-12)
     coefficients = (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)
-    rows = inverse[: 2 * n].reshape(n, 2, -1)
-    covariance = np.einsum("rik,rjk->rij", rows, rows)
-    inverse = np.linalg.pinv(covariance)
-    return np.asarray(np.einsum("ric,rij,rjc->r", coefficients, inverse, coefficients, optimize=True))
+    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
+    inverse = np.linalg.pinv(np.einsum("rik,rjk->rij", rows, rows))
+    return np.asarray(np.einsum("ric,rij,rjc->rc", coefficients, inverse, coefficients, optimize=True))
 
 
 def lone_shares(fit: ModalFit) -> FloatArray:
@@ -102,49 +83,55 @@ def lone_shares(fit: ModalFit) -> FloatArray:
     return np.asarray(power.max(axis=0) / power.sum(axis=0))
 
 
+def _at(fit: ModalFit, pole: complex) -> FloatArray:
+    """Stated variance (C,) of weighted elements about a pole, the mean over the lines within its half width."""
+    omega = fit.data.basis.s.imag
+    low, high = np.searchsorted(omega, (pole.imag + pole.real, pole.imag - pole.real))
+    low = min(int(low), len(omega) - 1)
+    return np.asarray(fit.data.variance[max(low - 1, 0) : max(int(high), low) + 1].mean(axis=0))
+
+
 def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
-    """s^2 (n,) of complex residuals per element about each pole, at least 1, and the lines (n,) that it is from."""
-    F, basis = len(fit.data.weight), fit.data.basis
-    power = np.mean(np.abs(unstacked(fit.residual)) ** 2 / fit.data.variance, axis=1)
+    """s^2 (n, C) of complex residuals about each pole, at least that stated, and the lines (n,) that it is from."""
+    F, basis, variance = len(fit.data.weight), fit.data.basis, fit.data.variance
+    power = np.abs(unstacked(fit.residual)) ** 2
     leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
-    omega = basis.s.imag
-    s_r, n_r = np.ones(len(fit.poles)), np.zeros(len(fit.poles))
+    omega, n = basis.s.imag, len(fit.poles)
+    s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
     for r, pole in enumerate(fit.poles):
         about = int(np.searchsorted(omega, pole.imag))
         half = LIMITS.half_widths * -pole.real
         low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
         high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
         window = slice(max(0, min(low, F - 2 * LIMITS.lines)), max(2 * LIMITS.lines, min(high, F)))
-        free = max(float(np.sum(1 - leverage[window])), 1.0)
-        s_r[r] = max(1.0, float(np.sum(power[window])) / free)
-        n_r[r] = free
+        n_r[r] = max(float(np.sum(1 - leverage[window])), 1.0)
+        # Where lines differ in their noise, those at the pole count.
+        s_r[r] = _at(fit, pole) * np.maximum(1.0, (power / variance)[window].sum(axis=0) / n_r[r])
     return s_r, n_r
 
 
-def p_values(fit: ModalFit, noise: Noise) -> FloatArray:
+def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     """The probability (n,) of each pole by chance, somewhere in the record."""
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    drop, C, trials = own_drops(fit), fit.data.y.shape[1], LIMITS.trials_per_line * len(fit.data.weight)
-    limits = [p_value(float(d), C, float(s), float(n), noise, trials) for d, s, n in zip(drop, s_r, n_r, strict=True)]
+    drop, level, trials = own_drops(fit), s_r * correlated_lines, LIMITS.trials_per_line * len(fit.data.weight)
     # An outlier is a pole on one line: without it, none is left.
-    rest = drop * (1 - lone_shares(fit))
-    others = [p_value(float(d), C, float(s), float(n), noise, 1.0) for d, s, n in zip(rest, s_r, n_r, strict=True)]
-    return np.maximum(limits, others)
+    rest = drop * (1 - lone_shares(fit))[:, None]
+    return np.maximum(p_value(drop, level, n_r, trials), p_value(rest, level, n_r, 1.0))
 
 
-def pursued(fit: ModalFit, candidates: ComplexArray, noise: Noise) -> ModalFit:
+def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
     """The model with the candidates that lower its squares most, in turn, as long as noise would not."""
     trials = LIMITS.trials_per_line * len(fit.data.weight)
-    C = fit.data.y.shape[1]
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
-        chance = np.array([p_value(float(d), C, 1.0, 1e9, noise, trials) for d in drop])
+        level = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
+        chance = p_value(drop, level, np.full(len(drop), 1e9), trials)
         good = chance < LIMITS.records_with_false_modes
         if not good.any():
             break
-        candidates, drop = candidates[good], drop[good]
+        candidates, drop = candidates[good], drop[good].sum(axis=1)
         taken: list[complex] = []
         for i in np.argsort(-drop):
             pole = candidates[i]
@@ -159,10 +146,10 @@ def pursued(fit: ModalFit, candidates: ComplexArray, noise: Noise) -> ModalFit:
     return fit.refined()
 
 
-def eliminated(fit: ModalFit, noise: Noise) -> ModalFit:
+def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
     """The model without the poles that noise has by chance, the likeliest first."""
     while len(fit.poles):
-        chance = p_values(fit, noise)
+        chance = p_values(fit, correlated_lines)
         worst = int(np.argmax(chance))
         if chance[worst] < LIMITS.records_with_false_modes:
             break

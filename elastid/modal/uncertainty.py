@@ -43,10 +43,11 @@ class Influences:
         half = min(AVERAGED_LINES, F // 2)
         # Row k + half of the residuals belongs to line k; reflected at the ends.
         padded = np.pad(residual, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
+        conjugate = scaled.conj()
         total, shifts = np.zeros((len(influence), len(influence))), range(2 * half + 1)
         for shift in shifts:
             # t (p, F): errors of the number if line k had the residuals of another line.
-            t = np.einsum("pkc,kc->pk", scaled.conj(), padded[shift : shift + high - low])
+            t = np.einsum("pkc,kc->pk", conjugate, padded[shift : shift + high - low])
             total += 0.5 * (t @ t.conj().T).real
         return total / len(shifts) * self._line_factor(scaled)
 

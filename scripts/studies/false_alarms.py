@@ -61,8 +61,6 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.modal.estimate import modes_of_responses
-from elastid.modal.spec import ModalSpec
 from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
@@ -123,8 +121,6 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "local-refused": "dof margin_dof input_snr excited_share",
         "local-repeats-averaged": "difference correlation",
     },
-    "modal.estimate.ModeLimits": {"false-mode": "*"},
-    "modal.selection.SelectionLimits": {"false-mode": "*"},
     "nonlinear.choice.Limits": {
         "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
         "unexplained-distortion": "unexplained",
@@ -206,7 +202,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         of_records = _codes(note for record in records for note in record.notes)
         codes |= of_records
         responses = Response.estimate(records, robot)
-        codes |= _of_responses(responses, robot)
+        codes |= _of_responses(responses)
         codes |= {f"local-{code}": text for code, text in _local(records, robot).items() if code not in of_records}
         free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
         spec = FitSpec(parameters=free, starts=3, seed=seed)
@@ -226,15 +222,9 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})
 
 
-def _of_responses(responses: Iterable[FrequencyResponse], robot: Robot) -> dict[str, str]:
-    """Notes on responses, and modes that no spring of the robot makes."""
-    codes = _codes(note for response in responses for note in response.notes)
-    springs = sum(1 for body in robot.bodies for joint in body.joints if joint.spring is not None)
-    for response in responses:
-        found = modes_of_responses([response], ModalSpec())[0]
-        if found.n_modes > springs:
-            codes["false-mode"] = f"{found.n_modes} modes of {springs} springs"
-    return codes
+def _of_responses(responses: Iterable[FrequencyResponse]) -> dict[str, str]:
+    """Notes on responses."""
+    return _codes(note for response in responses for note in response.notes)
 
 
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
@@ -244,7 +234,7 @@ def _local(records: list[Record], robot: Robot) -> dict[str, str]:
     except ElastidError as error:
         return {"refused": str(error)}
     repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "repeats-averaged"}
-    return _of_responses(responses, robot) | repeats
+    return _of_responses(responses) | repeats
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:

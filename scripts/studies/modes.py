@@ -10,6 +10,8 @@ noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of 
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
+40 draws of multisine: noise 0 of 40, found 320 of 321, false 0, held 92.6 % (frequency) and 95.3 % (damping); 20 of
+random: 0 of 20, 178 of 179, 0, 98.9 and 96.6 %: intervals of frequency by segments are too wide by half.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
 for 95 % with that many modes, of which those of one record have noise in common).
 """
@@ -71,11 +73,10 @@ class Structure:
         modal = -(w**2) / (natural**2 - w**2 + 2j * self.zeta * natural * w)
         return np.einsum("ir,fr,jr->fij", self.shapes, modal, self.shapes[: self.n_u])
 
-    def peak(self, freq_hz: FloatArray) -> FloatArray:
+    def peak(self) -> FloatArray:
         """|G| (n, n_y, n_u) of each mode by itself at its frequency."""
-        return np.abs(self.shapes.T[:, :, None] * self.shapes[: self.n_u].T[:, None, :]) / (
-            2 * self.zeta[:, None, None]
-        )
+        shapes = self.shapes.T
+        return np.abs(shapes[:, :, None] * shapes[:, None, : self.n_u]) / (2 * self.zeta[:, None, None])
 
     def moved(self, u: FloatArray) -> FloatArray:
         """Outputs (n, n_y) under forces (n, n_u), which repeat."""

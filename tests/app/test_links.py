@@ -67,7 +67,7 @@ def test_a_result_takes_the_place_of_a_link(bench: Path, tmp_path: Path) -> None
     """And the file that the link led to stays; so does that of a temporary name."""
     victim, run = tmp_path / "victim", bench / "run"
     victim.write_text("untouched")
-    for name in ("report.html", f".report.html.{os.getpid()}.unfinished", "peaks.csv", "checksums.sha256"):
+    for name in ("report.html", f".report.html.{os.getpid()}.unfinished", "modes.csv", "checksums.sha256"):
         (run / name).unlink(missing_ok=True)
         (run / name).symlink_to(victim)
     assert run_command(on(bench, "report")) == 0

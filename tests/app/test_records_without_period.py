@@ -44,7 +44,7 @@ def run(folder: Path, recorded: Mapping[str, Any], estimator: Mapping[str, Any] 
 
 def peaks(folder: Path) -> FloatArray:
     """Frequencies in the table of the report, Hz."""
-    rows = csv.DictReader((folder / "run" / "peaks.csv").read_text().splitlines())
+    rows = csv.DictReader((folder / "run" / "modes.csv").read_text().splitlines())
     return np.array([float(row["frequency"]) for row in rows])
 
 

@@ -85,5 +85,5 @@ def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path: 
     assert min(resonances(response.freq_hz, motor, sign=-1), key=lambda f: abs(f - 54)) == pytest.approx(54, rel=0.03)
     for side in (motor, load_side):
         assert min(resonances(response.freq_hz, side), key=lambda f: abs(f - 76)) == pytest.approx(76, rel=0.03)
-    rows = list(csv.DictReader((tmp_path / "run" / "peaks.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((tmp_path / "run" / "modes.csv").read_text().splitlines()))
     assert any(abs(float(row["frequency"]) / 76 - 1) < 0.03 for row in rows)

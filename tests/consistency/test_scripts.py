@@ -61,6 +61,14 @@ def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
     assert mill["gain"] == pytest.approx(25.3, rel=0.05)
 
 
+def test_example_18_finds_the_modes_of_three_masses() -> None:
+    """Shapes with a MAC of 0.999 and more, and a state-space model of six states."""
+    found = example("ex18_modes_of_a_structure")
+    assert np.all(found["agreement"] > 0.999)
+    assert np.all(np.abs(found["modes"].zeta - found["zeta"]) < 4 * found["modes"].zeta_std)
+    assert len(found["model"].A) == 6
+
+
 @pytest.mark.slow
 def test_example_18_commands_a_move_that_the_tool_follows() -> None:
     """Over a hundred times as exactly as with rigid feedforward, and with the catalogue's springs thirty times."""

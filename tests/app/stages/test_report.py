@@ -44,7 +44,14 @@ def refusal(study: Path, *overrides: str) -> str:
     return str(caught.value)
 
 
-def test_the_page_shows_responses_and_peaks_and_no_fit(bench: Path) -> None:
+# Figures of a response and its modes.
+KINDS = (
+    *("magnitude", "phase", "singular-values", "levels", "coherence"),
+    *("modes", "stabilisation", "synthesis"),
+)
+
+
+def test_the_page_shows_responses_and_modes_and_no_fit(bench: Path) -> None:
     page = (bench / "run" / "report.html").read_text(encoding="utf-8")
     assert "Frequency responses" in page
     assert "tip x" in page
@@ -52,7 +59,7 @@ def test_the_page_shows_responses_and_peaks_and_no_fit(bench: Path) -> None:
     assert "Parameters" not in page
     assert "left out of the fit" not in page
     names = {file.stem for file in (bench / "run" / "figures").iterdir()}
-    assert names == {f"frf-bench-{kind}" for kind in ("magnitude", "phase", "singular-values", "levels", "coherence")}
+    assert names == {f"frf-bench-{kind}" for kind in KINDS}
 
 
 # Of each figure what the page has: its caption, or its name and a link to its file.
@@ -67,7 +74,7 @@ QUALITY = {
 def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estimator(
     bench: Path, method: str, tmp_path: Path
 ) -> None:
-    """The records of the template, from 20 to 40 Hz: all three figures on the page or linked, and a table of peaks."""
+    """The records of the template, from 20 to 40 Hz: all three figures on the page or linked, and a table of modes."""
     if method == "auto":
         run = bench / "run"
     else:
@@ -76,7 +83,7 @@ def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estima
         options = [part for value in values for part in ("--set", value)]
         assert run_command(["run", str(bench / "study.yml"), "--run", str(run), "--jobs", "1", "-q", *options]) == 0
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert "Peaks" in page
+    assert "Modes" in page
     for kind, shown in QUALITY.items():
         assert (run / "figures" / f"frf-bench-{kind}.png").stat().st_size > 0
         assert shown in page
@@ -85,10 +92,10 @@ def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estima
     assert np.median(found.quality.multiple_coherence) > 0.9
 
 
-def test_the_peaks_are_those_of_the_structure(bench: Path) -> None:
+def test_the_modes_are_those_of_the_structure(bench: Path) -> None:
     """Frequencies to 1e-4, damping to 1 % of itself."""
     natural, damping, _ = true_modes()
-    rows = list(csv.DictReader((bench / "run" / "peaks.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((bench / "run" / "modes.csv").read_text().splitlines()))
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], natural / (2 * np.pi), rtol=1e-4)
     np.testing.assert_allclose([float(row["damping_ratio"]) for row in rows], damping, rtol=1e-2)
 
@@ -150,7 +157,7 @@ def test_check_describes_the_places(bench: Path, capsys: pytest.CaptureFixture[s
     assert run_command(["check", str(bench / "study.yml")]) == 0
     said = capsys.readouterr().out
     assert "2 inputs: shaker table (force, N), shaker tip (force, N)" in said
-    assert "find their peaks" in said
+    assert "find their modes" in said
 
 
 CHANNEL = "experiment.recorded.channels"
@@ -191,7 +198,7 @@ def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_noise_without_a_period_leads_to_the_same_peaks(tmp_path: Path) -> None:
+def test_noise_without_a_period_leads_to_the_same_modes(tmp_path: Path) -> None:
     """One record of 32 s for each experiment, in which nothing repeats: frequencies to 1e-3."""
     folder = tmp_path / "noise"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
@@ -202,7 +209,7 @@ def test_noise_without_a_period_leads_to_the_same_peaks(tmp_path: Path) -> None:
     overrides = ("experiment.recorded.period=none", "estimator.method=auto", "report.formats=[]")
     options = [part for override in overrides for part in ("--set", override)]
     assert run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *options]) == 0
-    rows = list(csv.DictReader((folder / "run" / "peaks.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((folder / "run" / "modes.csv").read_text().splitlines()))
     expected = true_modes()[0] / (2 * np.pi)
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], expected, rtol=1e-3)
 
@@ -238,7 +245,7 @@ def test_responses_from_elsewhere_need_no_robot(
     np.testing.assert_allclose(again.G, measured.G, rtol=1e-9)
     assert (again.unit, again.inputs) == (measured.unit, ("shaker 0", "shaker 1"))
     assert "place 2" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    rows = list(csv.DictReader((tmp_path / "run" / "peaks.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((tmp_path / "run" / "modes.csv").read_text().splitlines()))
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], true_modes()[0] / (2 * np.pi), rtol=1e-3)
     for target in ("uff", "matlab", "csv", "control"):
         assert run_command(["export", str(study), *run, "--to", target]) == 0

@@ -13,6 +13,8 @@ from plants import friction_study as study
 from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair
 
+from elastid.base.note import Note
+from elastid.modal.modes import without_modes
 from elastid.report.content import ResponsesContent
 from elastid.report.page.page import FleetContent, Outcome, html, html_of_responses, write_page_of_fleet
 from elastid.report.page.page_of_friction import html_of_friction
@@ -104,9 +106,8 @@ def friction(folder: Path) -> Path:
 
 def responses(folder: Path) -> Path:
     measured = tuple(pair(2, name=name, seed=i)[0] for i, name in enumerate(("near", "far")))
-    return written(
-        folder, html_of_responses(ResponsesContent("A bench", measured, ((), ()), "a: b", {"seed": "1"}), [])
-    )
+    modes = tuple(without_modes(each, Note("no-modes", "too few lines")) for each in measured)
+    return written(folder, html_of_responses(ResponsesContent("A bench", measured, modes, "a: b", {"seed": "1"}), []))
 
 
 def fleet(folder: Path) -> Path:

@@ -10,6 +10,8 @@ import pytest
 from plants.report_values import pair, report_content
 from plants.taken_friction import LEFT, taken_friction
 
+from elastid.base.note import Note
+from elastid.modal.modes import without_modes
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ResponsesContent
 from elastid.report.figures.drawings import drawings
@@ -22,7 +24,8 @@ def page(friction: FrictionTakenOut | None) -> str:
 
 
 def page_of_responses(friction: FrictionTakenOut | None) -> str:
-    return html_of_responses(ResponsesContent("a", (pair(2)[0],), ((),), "", {}, friction), [])
+    modes = (without_modes(pair(2)[0], Note("no-modes", "none")),)
+    return html_of_responses(ResponsesContent("a", (pair(2)[0],), modes, "", {}, friction), [])
 
 
 @pytest.mark.parametrize("written", [page, page_of_responses])

@@ -1,0 +1,45 @@
+"""
+Modes of a structure
+====================
+
+Three masses on springs, shaken at two of them: natural frequencies, dampings and shapes with 95 % intervals from a
+response with noise, and the same response as a small state-space model.
+"""
+
+import numpy as np
+
+from elastid import Configuration, Covariance, FrequencyResponse, estimate_modes, fit_state_space, mac
+from elastid.experiment.simulated.structure import true_modes, true_response
+
+freq_hz = np.arange(20, 480) / 8
+G = true_response(freq_hz)
+std = 0.02 * np.sqrt(np.mean(np.abs(G) ** 2))
+rng = np.random.default_rng(0)
+noise = std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+bench = Configuration("bench", np.zeros(0))
+names = ("shaker table", "shaker tip"), ("table x", "column x", "tip x")
+covariance = Covariance(np.full(G.shape, std**2), np.inf)
+response = FrequencyResponse(freq_hz, G + noise, *names, "acceleration", bench, noise=covariance)
+
+# %%
+# Poles are modes only where noise has none like them.
+modes = estimate_modes(response)
+omega, zeta, shapes = true_modes()
+agreement = np.diag(mac(modes.shapes, shapes))
+
+# %%
+# A state-space model follows the same response with few states.
+model = fit_state_space(response)
+
+if __name__ == "__main__":
+    from matplotlib.figure import Figure
+
+    print(modes)
+    print(model)
+    figure = Figure(figsize=(7, 3.5), layout="constrained")
+    axes = figure.add_subplot()
+    axes.semilogy(freq_hz, np.abs(response.G[:, 0, 0]), ".", ms=2, label="measured")
+    axes.semilogy(freq_hz, np.abs(modes.synthesis[:, 0, 0]), label="modal model")
+    axes.set_xlabel("frequency in Hz")
+    axes.set_ylabel("|G| in (m/s²)/N")
+    axes.legend()

@@ -1,0 +1,31 @@
+"""Universal files hold responses and modes, as pyuff reads them back."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.export.uff import write_uff
+from elastid.modal.estimate import estimate_modes
+from elastid.record import Configuration
+from elastid.response import FrequencyResponse
+
+
+def test_modes_are_read_back(tmp_path: Path) -> None:
+    """Two modes seen along x and z of two nodes: eigenvalues and shapes to the five digits of a data set 55."""
+    pyuff = pytest.importorskip("pyuff")
+    freq_hz = np.arange(20, 400) / 8
+    omega, natural, zeta = 2 * np.pi * freq_hz[:, None], 2 * np.pi * np.array([11.0, 27.0]), np.array([0.01, 0.02])
+    shapes = np.array([[1.0, 0.5], [0.4, -1.0], [0.2, 0.3]])
+    modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
+    G = np.einsum("ir,fr,r->fi", shapes, modal, shapes[0])[:, :, None]
+    bench = Configuration("bench", np.zeros(0))
+    response = FrequencyResponse(freq_hz, G, ("1x",), ("1x", "1z", "2x"), "position", bench)
+    path = write_uff(tmp_path, "study", [response], [estimate_modes(response)])[0]
+    sets = [each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 55]
+    poles = natural * (1j * np.sqrt(1 - zeta**2) - zeta)
+    np.testing.assert_allclose([each["eig"] for each in sets], poles, rtol=1e-4)
+    for each, shape in zip(sets, (shapes / np.abs(shapes).max(axis=0)).T, strict=True):
+        expected = shape / np.sign(shape[np.abs(shape).argmax()])
+        np.testing.assert_allclose(each["r1"], [expected[0], expected[2]], atol=1e-4)
+        np.testing.assert_allclose(each["r3"], [expected[1], 0], atol=1e-4)

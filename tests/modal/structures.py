@@ -1,0 +1,29 @@
+"""Responses of structures with known modes."""
+
+import numpy as np
+
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+
+BENCH = Configuration("bench", np.zeros(0))
+
+
+def modal_response(
+    freq_hz: np.ndarray,
+    natural_hz: np.ndarray,
+    zeta: np.ndarray,
+    shapes: np.ndarray,
+    n_u: int = 1,
+    noise: float = 0.0,
+    seed: int = 0,
+    stated: bool = True,
+) -> FrequencyResponse:
+    """Acceleration per force of shapes (n_y, n), driven at the first n_u outputs; noise: over the rms of G."""
+    omega, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * natural_hz
+    modal = -(omega**2) / (natural**2 - omega**2 + 2j * zeta * natural * omega)
+    G = np.einsum("ir,fr,jr->fij", shapes, modal, shapes[:n_u])
+    rng, std = np.random.default_rng(seed), noise * float(np.sqrt(np.mean(np.abs(G) ** 2)))
+    G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+    covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise and stated else None
+    names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{i}" for i in range(len(shapes)))
+    return FrequencyResponse(freq_hz, G, *names, "acceleration", BENCH, noise=covariance)

@@ -1,0 +1,42 @@
+"""The section `modal` of a study: keys, and messages that name the wrong one."""
+
+import pytest
+
+from elastid.modal.spec import GeometrySpec, ModalSpec
+
+POINTS = {"foot": (0.0, 0.0, 0.0), "tip": (0.0, 0.0, 1.0)}
+
+
+def test_an_output_is_at_its_point() -> None:
+    """By its name, or by `motion`."""
+    spec = ModalSpec(max_order=20, poles_hz=(11.0, 27.0), exponential=0.5, geometry=GeometrySpec(points=POINTS))
+    assert spec.geometry is not None
+    assert spec.geometry.direction_of("tip -x") == ("tip", "-x")
+    assert spec.geometry.direction_of("tip") is None
+    named = GeometrySpec(points=POINTS, motion={"sensor 3": ("foot", "z")})
+    assert named.direction_of("sensor 3") == ("foot", "z")
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"lines": (("foot", "head"),)}, "head is none of the points"),
+        ({"motion": {"a": ("tip", "up")}}, "direction of a is up; give x, y or z"),
+    ],
+)
+def test_geometry_names_what_is_wrong(keys: dict, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        GeometrySpec(points=POINTS, **keys)
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"band_hz": (5.0, 2.0)}, "give .lowest, highest"),
+        ({"max_order": 1}, "must be 2 to 200"),
+        ({"exponential": 0.0}, "must be positive"),
+    ],
+)
+def test_numbers_have_their_limits(keys: dict, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        ModalSpec(**keys)
