@@ -11,8 +11,8 @@ coefficients of both in their 95 % intervals in 80 %; the Stribeck curve found i
 Coulomb's; the note `friction-differs` for each motor under load, and for none without.
 
 Found with --sets 2, of motor 1 and 2: F_c -0.3 and +0.2 % of the truth without stiction at a stated 0.7 %; -0.9 and
-+0.2 % with it, -0.2 and +0.2 % under LuGre's law, at 1.6 %; viscous coefficients in 4 of 4 intervals in every case. Under
-load the levels are 89 and 11 % above those without, which the note says.
++0.2 % with it, -0.2 and +0.2 % under LuGre's law, at 1.6 %; viscous coefficients in 4 of 4 intervals in every case.
+Under load the levels are 89 and 11 % above those without, which the note says.
 
 The last line is one JSON object.
 """
