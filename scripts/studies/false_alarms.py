@@ -317,6 +317,8 @@ def main() -> None:
         results.append((index, each))
         for code, text in each.codes.items():
             print(f"{code}: {each.name}: {text[:160]}", flush=True)
+        if len(results) % 10 == 0:
+            print(f"after {len(results)} sets:", dict(Counter(c for _, one in results for c in one.codes)), flush=True)
     alarms = in_order(results)
     totals = Counter(code for each in alarms for code in each.codes)
     rows, unmeasured, wrong = compared(JUDGEMENTS, totals, lambda *_: len(alarms))

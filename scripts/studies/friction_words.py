@@ -6,14 +6,13 @@ An outside simulator of two axes (`../shared/rigs/two_axis_arm.py`: own equation
 of torque that no log shows) with Coulomb friction of 9.6 and 4.8 Nm; in further cases with stiction 1.35 times as large
 over 0.01 rad/s (Stribeck), as LuGre's law, and with 4 % of the gear's torque in addition (load). Three realisations in
 two postures, friction taken out by `auto`, fitted from one start. Asserted over all data sets: each ends as
-`converged`, every k and d within 4 of its stated deviations; F_c of Coulomb and Stribeck within 3 of its own; viscous
+`converged`, every k and d within 4 of its stated deviations; F_c within 3 of its own but under load; viscous
 coefficients of both in their 95 % intervals in 80 %; the Stribeck curve found in each of its data sets and in none of
 Coulomb's; the note `friction-differs` for each motor under load, and for none without.
 
-Found, 4 data sets each: F_c +0.1 and +0.7 % of the truth without stiction, -1.5 and -1.3 % with it, +2.5 and +2.8 %
-under LuGre's law, at a stated 3 %. Viscous coefficients under Stribeck in 8 of 8 intervals; before the curve was among
-the shapes F_c was 7 to 9 % too large at a stated 0.6 %, and they were 43 to 71 % too small. Under LuGre's law that of
-motor 2 is 25 % too small, 2 of its deviations: it is the slope that the bristles' shapes leave.
+Found with --sets 2, of motor 1 and 2: F_c -0.3 and +0.2 % of the truth without stiction at a stated 0.7 %; -0.9 and
++0.2 % with it, -0.2 and +0.2 % under LuGre's law, at 1.6 %; viscous coefficients in 4 of 4 intervals in every case.
+Under load the levels are 89 and 11 % above those without, which the note says.
 
 The last line is one JSON object.
 """
@@ -82,7 +81,7 @@ def judged(rig: Any, study: Path, seed: int, case: str) -> dict[str, Any]:
         "inside": {name: low <= rig.TRUE[name] <= high for name, (low, high) in intervals.items()},
         "levels": [(f - true) / std for (f, std), true in zip(levels, COULOMB.values(), strict=True)],
         "relative": [f / true - 1 for (f, _), true in zip(levels, COULOMB.values(), strict=True)],
-        "stribeck": [sum(s.kind == "stribeck" for s, _ in taken.taken_shapes(place)) for place in taken.places],
+        "stribeck": [int(any(s.kind == "stribeck" for s, _ in taken.taken_shapes(place))) for place in taken.places],
         "differs": sum(note.code == "friction-differs" for note in taken.notes),
     }
 
@@ -94,7 +93,7 @@ def check(case: str, sets: list[dict[str, Any]]) -> None:
         assert all(abs(off) < 4 for name, off in one["off"].items() if name[0] != "f"), (case, one)
         assert one["stribeck"] == [1, 1] if case == "stribeck" else case != "coulomb" or one["stribeck"] == [0, 0], one
         assert one["differs"] == (2 if case == "load" else 0), (case, one)
-        assert case not in ("coulomb", "stribeck") or np.all(np.abs(one["levels"]) < 3), (case, one)
+        assert case == "load" or np.all(np.abs(one["levels"]) < 3), (case, one)
     viscous = [inside for one in sets for name, inside in one["inside"].items() if name[0] == "f"]
     assert case not in ("coulomb", "stribeck") or np.mean(viscous) >= 0.8, (case, viscous)
 

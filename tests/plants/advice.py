@@ -31,6 +31,10 @@ _COMMAND = re.compile(
     rf"\belastid (?:{'|'.join(COMMANDS.split())})\b[^`,;:)]*|(?<=`)elastid {GAP}[^`,;:)]*|"
     r"--set '[^']*'|(?<![\w-])--[a-z][a-z-]*[^`,;:)]*"
 )
+# A number to change, by an amount that the message leaves to the user.
+_CHANGE = re.compile(
+    r"(?:^|[;,:.] |\b(?:or|and) )((?:lower|raise|widen|shorten) (?:[a-z_]+\.)*([a-z_]+))\b(?! values?\b)", re.IGNORECASE
+)
 # Words behind which a setting whose value is filled in is advice, and not what was found.
 _URGES = re.compile(r"\b(give|take|set|state|say|with|to be)( that| the| one| of| them| channels?| its| their)*$|^$")
 
@@ -45,8 +49,13 @@ class Advice:
 
     @property
     def is_setting(self) -> bool:
-        """True for keys of a study or of a robot's file, False for commands and options."""
-        return not self.text.startswith(("elastid ", "--"))
+        """True for keys of a study or of a robot's file with a value, False for commands, options and changes."""
+        return ":" in self.text and not self.text.startswith(("elastid ", "--"))
+
+    @property
+    def is_change(self) -> bool:
+        """True for `lower KEY` and the like."""
+        return self.text.split(" ")[0].lower() in ("lower", "raise", "widen", "shorten")
 
 
 @cache
@@ -63,7 +72,7 @@ def advices() -> tuple[Advice, ...]:
     """All of them, each once a file and text."""
     found: dict[tuple[str, str], Advice] = {}
     for module, message in messages():
-        for text in (*_settings(message), *_commands(message)):
+        for text in (*_settings(message), *_commands(message), *_changes(message)):
             found.setdefault((module, text), Advice(module, text, message))
     return tuple(sorted(found.values()))
 
@@ -90,6 +99,10 @@ def _commands(message: str) -> Iterator[str]:
     if " " in message:  # an option by itself is its declaration
         found = (m for m in _COMMAND.finditer(message) if m.start() > 0 or m[0].startswith(("elastid", "--set '")))
         yield from (match[0].strip() for match in found)
+
+
+def _changes(message: str) -> Iterator[str]:
+    return (match[1] for match in _CHANGE.finditer(message) if match[2] in keys())
 
 
 def messages() -> Iterator[tuple[str, str]]:

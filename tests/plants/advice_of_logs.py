@@ -34,9 +34,9 @@ from plants.steady_record import steady_record
 NO_PERIOD: dict[str, Any] = {"period_samples": None, "period": "none"}
 
 
-def lab_log(desk: Desk, samples: int = 4 * N, half: bool = False) -> dict[str, FloatArray]:
-    """A log of two axes in the folder, random phases, of some samples."""
-    lines = np.arange(1, 60, 2 if half else 1)
+def lab_log(desk: Desk, samples: int = 4 * N, half: bool = False, first: int = 1) -> dict[str, FloatArray]:
+    """A log of two axes in the folder, random phases from a line on, of some samples."""
+    lines = np.arange(first, 60, 2 if half else 1)
     U = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(3))[0]
     signals = np.tile(synthesise(lines, U, N), (-(-samples // N), 1))[:samples]
     log = dict(zip(("i1", "i2", "phi", "w2"), signals.T, strict=True))

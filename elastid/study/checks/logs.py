@@ -188,7 +188,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
         rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
         if recorded.time and rates["s"][0] < 0.7 * rate_hz:
-            advice = "the time must be in s" if rates["ms"][0] > 0.5 * rate_hz else "lower rate_hz to that"
+            is_in_s = all(_is_other(hz, rate_hz) for unit, pair in rates.items() if unit != "s" for hz in pair)
+            advice = "lower rate_hz to that" if is_in_s else "the time must be in s"
             yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz, if it is in s; {advice}")
         elif not recorded.time and all(_is_other(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
