@@ -18,7 +18,18 @@ from elastid.friction_study.extended_kalman_filter import (
     first_estimate,
 )
 from elastid.friction_study.follow import consistency, estimate_noise, unknown, weakest_direction
-from tests.plants.warm_joint import COULOMB, COUNT, FOLLOWED, RATE_HZ, SIGMA_0, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
+from tests.plants.warm_joint import (
+    COULOMB,
+    COUNT,
+    FOLLOWED,
+    RATE_HZ,
+    SIGMA_0,
+    TORQUE_STD,
+    WarmRun,
+    rich,
+    simulate,
+    stops_and_moves,
+)
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift=DRIFT)
