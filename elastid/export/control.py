@@ -54,7 +54,10 @@ def load(path=DATA, pade=None):
 
 
 def parameters(path=DATA):
-    """(value, std, low, high, unit) by name, the interval of 95 %; NaN for numbers that were held."""
+    """(value, std, low, high, by_noise, by_file, unit) by name, the interval of 95 %; NaN for numbers that were held.
+
+    by_noise, by_file: the parts of std; NaN where the robot's file is exact.
+    """
     with np.load(path, allow_pickle=False) as file:
         known = zip(file["parameters"].tolist(), file["known"].tolist(), file["units"].tolist(), strict=True)
         return {{name: (*numbers, unit) for name, numbers, unit in known}}
@@ -139,14 +142,15 @@ def _written(
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
 
-    parameters, units (p,) and known (p, 4): value, std and the ends of the 95 % interval of each, SI.
+    parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
+    by noise and by the tolerances of the robot's file.
     """
     systems = model.state_spaces
     first, numbers = systems[0], known_numbers(model)
     arrays = {"configurations": np.array([system.configuration.name for system in systems])}
     arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
     arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
-    arrays |= {"known": np.array([(n.value, n.std, n.low, n.high) for n in numbers])}
+    arrays |= {"known": np.array([(n.value, n.std, n.low, n.high, n.by_noise, n.by_file) for n in numbers])}
     for system in systems:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}

@@ -28,7 +28,8 @@ HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 _SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
 % Of e.model(i).configuration: response{{i}} is a function of the frequency in Hz, models{{i}} an ss where there is one
 % (Control System Toolbox, or the package control of Octave, which has no delay), measured{{i}} as below.
-% e.parameters has the 95 % intervals; std and interval are NaN for numbers that were held.
+% e.parameters has the 95 % intervals; std and interval are NaN for numbers that were held, the parts of std by noise
+% and by the tolerances of the robot's file where that is exact.
 e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
 is_octave = exist('OCTAVE_VERSION', 'builtin') > 0;
 if is_octave
@@ -100,9 +101,12 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
     ]
     numbers = [
-        {"name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high, "unit": p.unit}
+        {
+            "name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high,
+            "std_by_noise": p.by_noise, "std_by_file": p.by_file, "unit": p.unit,
+        }
         for p in known_numbers(model)
-    ]
+    ]  # fmt: skip
     measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"

@@ -203,10 +203,13 @@ def _rub(root: ET.Element, found: Robot) -> None:
 def _intervals(root: ET.Element, model: FittedRobot) -> None:
     custom = ET.SubElement(root, "custom")
     legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
+    if model.result.has_tolerances:
+        legend += "; then the parts of the deviation by noise and by the tolerances of the robot's file"
     ET.SubElement(custom, "text", name="numeric", data=legend)
     for known in known_numbers(model):
         if math.isfinite(known.std):
-            row = in_full((known.value, known.std, known.low, known.high))
+            parts = (part for part in (known.by_noise, known.by_file) if math.isfinite(part))
+            row = in_full((known.value, known.std, known.low, known.high, *parts))
             ET.SubElement(custom, "numeric", name=known.name, data=row)
 
 

@@ -27,9 +27,9 @@ F_s / F_c and its velocity have a share in the gain, so that what is learnt near
 none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
 
 Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
-bristle: (slip z_s)^2 l e^-l (1 - min(1, z / z_s)^2), l = |v| T_s / z_s, z_s = F_c / sigma_0, z < 0 against the motion as
-zero: a joint that creeps does not take its bristle for certain, while one that slides has it at its end. Noise there
-would move F_c along what one direction and speed leave open, F_c against b, since the slope of z to F_c follows z.
+bristle: (slip z_s)^2 l e^-l (1 - min(1, z / z_s)^2), l = |v| T_s / z_s, z_s = F_c / sigma_0, z = 0 where it is bent
+against the motion: a joint that creeps does not take its bristle for certain, while one that slides has it at its end.
+Noise there would move F_c against b, which one speed leaves open: the slope of z to F_c follows the estimate of z.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
 """No export loses the intervals of a fit, and none gives a number that was held a std of 0."""
 
+import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -77,7 +78,8 @@ def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: 
     expected = (result.values[SPRING], result.std[SPRING], *result.interval(SPRING))
     with np.load(data) as arrays:
         rows = dict(zip(arrays["parameters"].tolist(), arrays["known"], strict=True))
-    assert rows[SPRING].tolist() == pytest.approx(list(expected))
+    assert rows[SPRING][:4].tolist() == pytest.approx(list(expected))
+    assert np.isnan(rows[SPRING][4:]).all()  # the file is exact
     assert np.isnan(rows["Jm_1"][1:]).all()
     assert "def parameters(" in script.read_text()
     content = loadmat(write_matlab(tmp_path, fitted)[0])
@@ -86,6 +88,39 @@ def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: 
     assert np.isnan([found["Jm_1"][key].item() for key in ("std", "lower_95", "upper_95")]).all()
     covariance = np.moveaxis(content["fitted"][0, 0]["CovarianceData"][..., 0, 0], 2, 0)
     np.testing.assert_allclose(2 * covariance, fitted.response_std[0] ** 2)
+
+
+def test_every_export_parts_the_deviation_by_noise_and_by_file(fitted: FittedRobot, tmp_path: Path) -> None:
+    """With a number of the file that is correlated by 0.6 with the spring: 0.8 and 0.6 of the whole."""
+    free = fitted.result.parameters.free_names
+    doubted = next(name for name in free if name != SPRING)
+    parameters = tuple(replace(p, tolerated=p.name == doubted) for p in fitted.result.parameters)
+    order = sorted(range(len(free)), key=lambda i: free[i] == doubted)  # what was asked for comes first
+    C = 1e-4 * np.eye(len(free))
+    place = [free[i] for i in order].index(SPRING)
+    C[place, -1] = C[-1, place] = 0.6e-4
+    named = {p.name: p for p in parameters}
+    moved = (*(p for p in parameters if p.name != doubted), named[doubted])
+    result = replace(fitted.result, parameters=ParameterSet(moved), x=fitted.result.x[order], covariance=C)
+    model = replace(fitted, result=result)
+    std = 0.01 * result.values[SPRING]
+    expected = pytest.approx([0.8 * std, 0.6 * std])
+    data, _ = write_control(tmp_path, model)
+    with np.load(data) as arrays:
+        assert arrays["known"][arrays["parameters"].tolist().index(SPRING), 4:].tolist() == expected
+    rows = loadmat(write_matlab(tmp_path, model)[0])["parameters"][:, 0]
+    (row,) = [row for row in rows if row["name"].item() == SPRING]
+    assert [row[f"std_by_{part}"].item() for part in ("noise", "file")] == expected
+    write_csv(tmp_path, model)
+    table = np.genfromtxt(tmp_path / "parameters.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    (line,) = [line for line in table if line["parameter"] == SPRING]
+    assert [line["std_by_noise"], line["std_by_file"]] == expected
+    words = f"(noise {0.8 * std:.3g}, file {0.6 * std:.3g})"
+    assert any(words in line for line in interval_lines(model))
+    if importlib.util.find_spec("mujoco"):
+        root = ET.parse(write_mujoco(tmp_path, model)[0])
+        numbers = {each.get("name"): each.get("data", "").split() for each in root.iter("numeric")}
+        assert [float(part) for part in numbers[SPRING][4:]] == expected
 
 
 def test_modes_and_fitted_responses_in_tables_have_deviations(fitted: FittedRobot, tmp_path: Path) -> None:

@@ -25,10 +25,10 @@ from elastid.fit.result import FitResult, RigidPart
 from elastid.parameters import Parameter
 from elastid.robot import Body, Robot
 
-# Assumed stiffness of a gear's main bearing against tilting, and of a pedestal, over that of the gear: what a part
-# takes is in proportion to its compliance, and the stiffness from which on it is within the intervals depends on
-# neither.
-BEARING_RATIO, BASE_RATIO = 7.0, 100.0
+# Assumed stiffness of a gear's main bearing against tilting, and of a pedestal, over that of the gear; a pedestal of
+# steel on a floor, N m/rad, is no stiffer under a stiffer gear. What a part takes is in proportion to its compliance,
+# and the stiffness from which on it is within the intervals depends on neither.
+BEARING_RATIO, BASE_RATIO, STIFFEST_BASE = 7.0, 100.0, 1e7
 NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is not named
 
 
@@ -79,11 +79,12 @@ def _base(robot: Robot, k: dict[str, float], scores: Scores, asked: Sequence[Par
         if first is None or first.slides or f"k_{first.name}" not in k:
             continue
         stiffness = k[f"k_{first.name}"]
+        usual = max(1 / (BASE_RATIO * stiffness), 1 / STIFFEST_BASE)
         if not any(joint.axis == first.axis for joint in body.joints if joint is not first):
             series = {f"k_{first.name}": -stiffness, f"d_{first.name}": -2 * stiffness}
             slope = np.array([series.get(parameter.name, 0.0) for parameter in asked])
-            yield _Spring(f"base about axis {first.name}", slope, 1 / (BASE_RATIO * stiffness))
-        yield from _torsions(scores, body, len(asked), "base", 1 / (BASE_RATIO * stiffness))
+            yield _Spring(f"base about axis {first.name}", slope, usual)
+        yield from _torsions(scores, body, len(asked), "base", usual)
 
 
 def _bearings(robot: Robot, k: dict[str, float], scores: Scores, n: int) -> Iterator[_Spring]:

@@ -129,9 +129,10 @@ class Packed:
 
     def weight(self, part: Sensitivity, e: LineResiduals) -> tuple[float, ComplexArray]:
         """As `Full.weight`: the sums of a single column of zeros."""
-        F, n_e = part.G.shape
-        none = {"left": part.left[:, :, :0], "right": part.right[:, :, :0], "sign": part.sign[:0]}
-        single = replace(part, **none, S=part.S[:, :0, :0, :0], whole=np.zeros((F, n_e, 1), complex))
+        single = replace(
+            part, left=part.left[:, :, :0], right=part.right[:, :, :0], sign=part.sign[:0], S=part.S[:, :0, :0, :0],
+            whole=np.zeros((*part.G.shape, 1), complex),
+        )  # fmt: skip
         sums = self.sums(single, e, np.ones(1), np.float64)
         return sums.cost, sums.weight
 
