@@ -81,7 +81,13 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
         raise DataError(_no_guess(first, form, len(signals)))
     if together:
-        guess, logs = _torques_first(guess, logs)
+        guess, used = _torques_first(guess, logs)
+        if unused := [path for path in logs if path not in used]:
+            raise DataError(
+                f"{unused[0]}: nothing of it belongs to the measurement in {' and '.join(map(str, used))}; leave it "
+                "out, and give a further measurement as a further one of experiment.recorded.files, as the first is"
+            )
+        logs = used
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
@@ -101,21 +107,29 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
 def _in_other_files(
     logs: Sequence[Path], form: TextFormatSpec, clock: Clock, first: Sequence[tuple[ChannelGuess, FloatArray]]
 ) -> list[tuple[ChannelGuess, FloatArray]]:
-    """The signals of the other logs at the instants of the first one, where one clock stamps both, or row by row."""
+    """The signals of the other logs at the instants of the first one, where one clock stamps both, or row by row.
+
+    DataError for a log of other signals that is neither.
+    """
     taken, result = {(guess.name, guess.column) for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
     with opened_log(logs[0], form) as log:
         at = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name else np.zeros(0)
+    n = len(first[0][1]) if first else 0
     for number, path in enumerate(logs[1:], start=2):
         with opened_log(path, form) as log:
-            signals = [(replace(guess, file=number), x) for guess, x in signals_of(log, _MAX_SAMPLES)]
+            signals = signals_of(log, _MAX_SAMPLES)
             times = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name in log.shapes() else None
-        for guess, x in signals:
-            if guess.name == clock.name or is_time(guess.name) or (guess.name, guess.column) in taken:
-                continue
-            if times is not None and len(times) == len(x) and times[0] < at[-1] and at[0] < times[-1]:
-                result.append((guess, np.interp(at, times, x)))
-            elif first and not clock.name and len(x) == len(first[0][1]):
-                result.append((guess, x))
+        own = [(guess, x) for guess, x in signals if guess.name != clock.name and not is_time(guess.name)]
+        own = [(replace(guess, file=number), x) for guess, x in own if (guess.name, guess.column) not in taken]
+        taken |= {(guess.name, guess.column) for guess, _ in own}
+        is_stamped = times is not None and times[0] < at[-1] and at[0] < times[-1]
+        if own and not is_stamped and (clock.name or len(own[0][1]) != n):
+            raise DataError(
+                f"{path}: it has other signals than {logs[0]}, and is not in step with it: neither do times in both "
+                f"overlap, nor have both as many samples without times ({n} and {len(own[0][1])}); log the time of one "
+                "clock in both, or all signals in one file"
+            )
+        result += [(g, np.interp(at, times, x)) for g, x in own] if times is not None and is_stamped else own
     return result
 
 

@@ -19,12 +19,12 @@ so that resonances are flattened by beta, 1/6 of the second difference of H unde
 square of beta, less the part that noise makes of it.  A sine that sweeps, or rings down, is in few segments at each
 line, and so is what their windows leak, in each repeat alike; with the leverage h_j of a segment and its repeats
 
-.. math:: C_h = \frac{1}{n_u} \sum_j \frac{E_j S_{uu}^{-1} E_j^H}{(1 - h_j / n_u)^2}, \qquad
+.. math:: C_h = \frac{1}{n_u - \sum_j h_j^2} \sum_j E_j S_{uu}^{-1} E_j^H, \qquad
           E_j = \sum_{k \in j} V_k U_k^H, \quad h_j = \sum_{k \in j} U_k^H S_{uu}^{-1} U_k
 
-is the covariance of V by the changes of G without each (the jackknife of MacKinnon and White, J. Econometrics 29, 1985,
-by clusters), which `total` holds where it is larger, over some lines, than S_vv makes it.  A resonance narrower than a
-few lines is flattened beyond that, and what a boxcar leaks lies between the lines.
+is the covariance of V by their share in the error of G (White, Econometrica 48, 1980, by clusters), which `total` holds
+where it is larger, over some lines, than S_vv makes it.  A resonance narrower than a few lines is flattened beyond
+that, and what a boxcar leaks lies between the lines.
 (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
@@ -53,7 +53,7 @@ from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
 _DIFFERENCE = 0.2  # of inputs, relative, below which records are repeats
-_LEAST_DOF = 0.4  # 1 - h / n_u at least: of a line that is in one segment alone nothing is known
+_LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
 # Of a window's power on its middle line: lines with less of it leak nothing that counts.
 _LEAST_LEAKAGE = 1e-4
 
@@ -225,19 +225,19 @@ def _spectra(
 def _by_leverage(
     records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra, G: ComplexArray
 ) -> ComplexArray:
-    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by the changes of G without each."""
+    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by its share, and its repeats', in G's error."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
     used = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
-    C = np.zeros((len(G), n_y, n_y), dtype=np.complex128)
+    C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
     for group in _repeats(records):
         most = 4_000_000 // (n_u * len(group))
         for parts in zip_longest(*(_spectra([record], segments, lines[used], most) for record in group)):
             E, h = _shares([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
-            E = E / np.maximum(1 - h / n_u, _LEAST_DOF)[:, None, None]
+            squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
-    return np.asarray(C / n_u)
+    return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
 
 
 def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:

@@ -237,7 +237,7 @@ def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[Mo
             low, high = spring.between_hz
             texts.append(
                 f"the torque has the part of a spring between motor and link, which swings at {low:.2g} to {high:.2g} "
-                f"Hz where the motor is held: numbers are up to {stds:.2g} std other with it; {ADVICE}"
+                f"Hz where the motor is held; with it numbers change by up to {stds:.2g} std; {ADVICE}"
             )
     names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
     error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)

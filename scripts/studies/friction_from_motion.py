@@ -16,9 +16,10 @@ of its rms, the encoder 2^20 counts, the log 500 Hz. Of each kind: the share of 
 others the share of 95 % intervals that hold the truth. It must lie between 94 and 96 %, three of its own standard
 deviations allowed for chance, where fewer than 90 % of the draws are misfits. The last line is one JSON object.
 
---draws 60 --seed 3: misfits and coverage of the rest 3 % and 95.9 % (lugre), 3 % and 96.7 % (cogging), 5 % and 96.8 %
-(asymmetric), 8 % and 91.8 % (gravity), each with a std of 1.1 to 1.9 %. Where directions that do not differ are taken
-in, 1 % of draws, their numbers miss the truth. Of 20 elastic axes of this seed 80 % are misfits, of 60 of seed 0 95 %.
+300 draws: misfits and coverage of the rest 0.7 % and 96.5 % (gravity), 0.3 % and 95.8 % (lugre), 0.3 % and 94.5 %
+(asymmetric), each with a std of 0.5 to 0.8 %; of elastic axes 98.3 % are misfits, and all intervals of the others hold
+the truth. --draws 60 --seed 3, before springs were looked for by their swinging: 3 % and 96.7 % (cogging). Where
+directions that do not differ are taken in, 1 % of draws, their numbers miss the truth.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
