@@ -42,11 +42,11 @@ def level_bounds(
 ) -> dict[tuple[GearEffect, ...], float]:
     """The bound of each candidate group, none of whose family is among the effects that were found."""
     families = {family_of(effect) for effect in found.effects}
-    every = candidate_groups(data, found, linearisation, orders=tuple(orders))
+    joints, ratios = joints_of(linearisation)
+    every = candidate_groups(data, found, linearisation, bent=joints, orders=tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
     effects = [*found.effects, *(effect for group in groups for effect in group)]
     levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
-    joints, ratios = joints_of(linearisation)
     drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
     estimates = [
         estimate_motion(lines, drive, joints, ratios, effects, levels, None)
