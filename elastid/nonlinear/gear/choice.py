@@ -22,7 +22,6 @@ from elastid.nonlinear.gear.levels import (
     Levels,
     NormalEquations,
     find_levels,
-    inverse,
     joints_of,
     lack,
     normal_equations,
@@ -47,12 +46,10 @@ class Limits:
     std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8
-    correlation: float = 0.95  # of two levels, from which on they are named together
 
 
 LIMITS = Limits()
 ORDERS = (1.0, 2.0)
-_FRICTIONS: dict[Kind, float] = {"friction": 0.0, "load": 0.0, "behind": 0.01}  # turn over such a part of the speed
 _LOST = 10.0  # times smaller than the start
 _SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _RIVALS: tuple[tuple[Kind, ...], ...] = (_SPRINGS, ("friction",), ("behind",))
@@ -130,7 +127,7 @@ def choose_effects(
         found = _pruned(arguments, found)
         for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in _SPRINGS):
             found = _best_spring(arguments, found, joint)
-    return replace(found, alike=_alike(arguments, found))
+    return found
 
 
 def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
@@ -260,36 +257,6 @@ def _sums_with(
     known = [estimate for estimate in estimates if estimate is not None]
     sums = normal_equations(data, drives, known, len(found.x), levels)
     return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
-
-
-def _alike(arguments: _Arguments, found: Levels) -> tuple[tuple[GearEffect, GearEffect, float], ...]:
-    """Pairs of frictions of a joint, one of them found at least, with their correlation where that is near 1."""
-    data, responses, linearisation, _ = arguments
-    joints, pairs, further = joints_of(linearisation)[0], [], list[GearEffect]()
-    for effect in found.effects:
-        if effect.kind not in _FRICTIONS:
-            continue
-        speed = _sizes(data, found, linearisation, joints.index(effect.joint))[0]
-        for kind, part in _FRICTIONS.items():
-            there = [e for e in found.effects if e.joint == effect.joint and e.kind == kind]
-            other = there[0] if there else GearEffect(kind, effect.joint, part * speed)
-            if other.kind != effect.kind and (other, effect) not in pairs:
-                pairs.append((effect, other))
-                further += [] if there or other in further else [other]
-    if not pairs:
-        return ()
-    sums, prior = _sums_with(data, responses, linearisation, found, further)
-    A, n_x, every = sums.A.sum(axis=0) + prior[0], len(found.x), [*found.effects, *further]
-    own, alike = list(range(n_x + len(found.effects))), []
-    for one, other in pairs:
-        i, j = n_x + every.index(one), n_x + every.index(other)
-        chosen = own if j in own else [*own, j]
-        C = inverse(A[np.ix_(chosen, chosen)])
-        i, j = chosen.index(i), chosen.index(j)
-        correlation = float(C[i, j] / np.sqrt(C[i, i] * C[j, j])) if C[i, i] * C[j, j] > 0 else 1.0
-        if abs(correlation) > LIMITS.correlation:
-            alike.append((one, other, correlation))
-    return tuple(alike)
 
 
 def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:

@@ -35,8 +35,7 @@ class Levels:
     """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
     move: of the last round, in standard deviations.  scale_std (n_f,): of the effects' scales that are found with them,
-    0 of the others.  alike: pairs of effects that the records barely tell apart, with their correlation; of a pair with
-    one among `effects`, that has the level of both.
+    0 of the others.
     """
 
     parameters: ParameterSet
@@ -49,7 +48,6 @@ class Levels:
     estimates: tuple[Estimate, ...]
     drives: tuple[DriveLines, ...]
     scale_std: FloatArray
-    alike: tuple[tuple[GearEffect, GearEffect, float], ...] = ()
 
     @property
     def std(self) -> FloatArray:
