@@ -10,6 +10,9 @@ gear 0.01 to 1 Nm, a spring that stiffens by 1e-5 to 1e-3 at the peak of the tor
 Counted: draws in which the effect was seen; of those in which it was not, how many have it below its 95 % bound;
 effects that were seen and are not there; refusals, and warnings of any kind. The last line is one JSON object.
 Asserted: at least 90 % of the unseen are below their bound, and no clean gear has an effect, a warning or a refusal.
+
+Found, 2 draws of each (`--draws 2`): friction at the motor and behind the gear seen in all four, from 0.02 Nm on, a
+transmission error in one of two; the three unseen effects below their bounds; nothing but what is there in any draw.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
