@@ -14,6 +14,8 @@ from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, 
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints, without_dry_friction
 
+_ROUNDING = 0.02  # of the ends of a gap, found as sharp
+
 
 def with_effects(robot: Robot, gears: GearResult) -> Robot:
     """A fitted robot with the effects of its gears, and no other dry friction.
@@ -46,21 +48,41 @@ def with_linear_springs(robot: Robot) -> Robot:
     def linear(joint: Joint) -> Joint:
         if joint.spring is None:
             return joint
-        return replace(joint, spring=replace(joint.spring, quadratic=None, symmetric_quadratic=None, cubic=None))
+        # Within the ends of a gap or range: what it has at zero torque, where that is more than nothing.
+        k = joint.spring.inner_stiffness or joint.spring.stiffness
+        return replace(joint, spring=Spring(k, joint.spring.damping))
 
     return with_joints(robot, linear)
 
 
 def with_terms_of(result: FitResult, robot: Robot) -> FitResult:
-    """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not."""
-    known = robot.parameters()
+    """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not.
+
+    A stiffness is that beyond the ends of a gap or range.
+    """
+    known, x = robot.parameters(), result.x.copy()
+    broken = {f"k_{joint.name}" for joint in robot.driven if joint.spring and joint.spring.backlash is not None}
+    for i, p in enumerate(result.parameters.free):
+        if p.name in broken:
+            x[i] = p.to_x(known[p.name][0])
     kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
     names = [p.name for p in kept]
     held = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
-    return replace(result, parameters=ParameterSet((*kept, *held)))
+    return replace(result, x=x, parameters=ParameterSet((*kept, *held)))
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
+    """A gap is soft within, a range of torque stiffer beyond; a file can state one of them."""
+    ends = [
+        (effect.kind, effect.scale, f)
+        for effect, f in zip(gears.effects, gears.levels.tolist(), strict=True)
+        if effect.joint == joint and effect.kind in ("gap", "range") and f
+    ]
+    if ends:
+        (kind, b, f), k = ends[0], spring.stiffness
+        inner, outer = (max(k - f, 0.0), k) if kind == "gap" else (k, k + f)
+        broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=_ROUNDING)
+        return broken if len(ends) == 1 and outer > 0 else spring
     terms = {"cubic": gears.level("cubic", joint), "symmetric_quadratic": gears.level("progressive", joint)}
     try:
         return replace(spring, **{name: level for name, level in terms.items() if level})

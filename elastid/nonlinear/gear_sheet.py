@@ -169,7 +169,8 @@ class JointLevels:
 def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], float]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
-    numbers = [*_springs(gear, result, reach), *_loop_numbers(gear, reach), *_frictions(gear), *_periodic(gear)]
+    numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
+    numbers += [*_frictions(gear), *_periodic(gear)]
     numbers += _unseen(gear, bounds, reach)
     numbers = [
         replace(each, rated_share=(each.value if each.is_seen else each.bound) / rated)
@@ -192,7 +193,9 @@ _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNumber]:
     """Stiffness at zero torque and by range, and damping."""
     joint, numbers = gear.joint, []
-    words = {"k": ("stiffness at zero torque", "stiffness", "N*m/rad"), "d": ("damping", "damping", "N*m*s/rad")}
+    has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
+    spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
+    words = {"k": (spring, "stiffness", "N*m/rad"), "d": ("damping", "damping", "N*m*s/rad")}
     slides = gear.robot.slides(f"motor {joint}")
     for letter, (meaning, kind, unit) in words.items():
         value, row = gear.parameter(f"{letter}_{joint}")
@@ -211,6 +214,8 @@ def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNum
         meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
         value, row = (tau[high] - tau[low]) / width, (rows[high] - rows[low]) / width
         numbers.append(GearNumber(f"K{i}_{joint}", meaning, "stiffness", "N*m/rad", float(value), gear.std(row)))
+    if has_gap:  # a secant is softer than k, beyond the gap
+        return numbers
     peak, row = gear.torque(np.array([0.0, reach]), hysteresis=False)
     k, of_k = gear.parameter(f"k_{joint}")
     share = peak[1] / (k * reach) - 1
@@ -218,6 +223,19 @@ def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNum
     meaning = f"stiffening up to {gear.peak:.3g} Nm, of the secant"
     numbers.append(GearNumber(f"h_{joint}", meaning, "share", "1", float(share), gear.std(of_share)))
     return numbers
+
+
+def _lost_motion(gear: JointLevels) -> list[GearNumber]:
+    """2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free."""
+    own = {i: 2 * effect.scale for i, effect, _ in gear.effects if effect.kind == "gap"}
+    if not own:
+        return []
+    k, of_k = gear.parameter(f"k_{gear.joint}")
+    value = sum(own[i] * f for i, _, f in gear.effects if i in own) / k
+    row = (gear.level_row(own) - value * of_k) / k
+    of_ends = [2 * f * gear.found.scale_std[i] / k for i, _, f in gear.effects if i in own]
+    std = math.hypot(gear.std(row), *of_ends)
+    return [GearNumber(f"lost_{gear.joint}", "lost motion", "angle", "rad", value, std)]
 
 
 def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
@@ -316,7 +334,9 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         width = GearNumber(f"Hw_{joint}", "hysteresis, width of the loop", "angle", "rad", bound=2 * part * bound / k)
         torque = "hysteresis, torque to either side"
         return [GearNumber(f"H_{joint}", torque, "torque", "N*m", bound=part * bound), width]
-    if word in ("cubic", "progressive"):
+    if word == "gap":
+        return [GearNumber(f"lost_{joint}", "lost motion", "angle", "rad", bound=2 * bound * effect.scale / k)]
+    if word in ("cubic", "progressive", "range"):
         share = abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) * bound / (k * reach)
         meaning = "stiffening up to the largest torque, of the secant"
         return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]

@@ -9,9 +9,9 @@ import pytest
 from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.app.gear_robot import with_effects, with_linear_springs
-from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult
-from elastid.robot import Friction, Hysteresis
+from elastid.robot import Friction, Hysteresis, Spring
 from elastid.robot.simplified import with_joints
 
 FOUND = {
@@ -62,3 +62,21 @@ def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
     hard = with_effects(robot(Gear()), result({GearEffect("progressive", "1"): 1e7}))
     assert hard.driven[0].spring.symmetric_quadratic == 1e7
     assert with_linear_springs(hard).driven[0].spring.is_linear
+
+
+@pytest.mark.parametrize(("kind", "level"), [("gap", 1.5e5), ("gap", 2e5), ("range", 6e4)])
+def test_a_gap_and_a_range_are_the_broken_line_that_was_found(kind: str, level: float) -> None:
+    """k x less f clip(x), or more f beyond b, but for the rounded ends."""
+    k, b = 2e5, 3e-4
+    stiff = with_joints(robot(Gear()), lambda joint: replace(joint, spring=Spring(k, 60.0)))
+    found = result({GearEffect(kind, "1", b): level})
+    spring = with_effects(stiff, found).driven[0].spring
+    x = np.array([0.2, 0.6, 1.6, 4.0]) * b
+    effect = GearEffect(kind, "1", b)
+    torque = k * x + level * implicit_law(effect, x)[0]
+    e = spring.rounding * b
+    beyond = (np.sqrt((x - b) ** 2 + e**2) - np.sqrt((x + b) ** 2 + e**2)) / 2 + x  # a dead zone of half width b
+    ours = spring.stiffness * beyond + spring.inner_stiffness * (x - beyond)
+    np.testing.assert_allclose(ours, torque, atol=0.02 * k * b)
+    within = spring.inner_stiffness or spring.stiffness
+    assert with_linear_springs(with_effects(stiff, found)).driven[0].spring == Spring(within, 60.0)

@@ -37,7 +37,8 @@ def sheet(
     """Of levels with a relative standard deviation, k and d at 1e-3; linear fit: k 10 % larger."""
     x, levels = PARAMETERS.x, np.array([*found.values()])
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
-    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, (), ())
+    scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
+    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, (), (), scale_std)
     groups = {(effect,): bound for effect, bound in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", 0, PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
@@ -152,3 +153,16 @@ def test_a_search_without_a_reason_to_trust_it_leaves_the_fit_as_it_is() -> None
     assert "one realisation" in found.refused
     assert found.sheets == ()
     assert with_gears(linear, found) is linear
+
+
+def test_lost_motion_is_the_way_between_the_flanks() -> None:
+    """Twice the half width of a free gap; of one that is only softer its missing part. Unseen, a bound."""
+    free, soft = (sheet({GearEffect("gap", "1", 2e-4): f}).number("lost_1") for f in (K, 0.5 * K))
+    assert free is not None
+    assert soft is not None
+    assert (free.value, soft.value) == (pytest.approx(4e-4), pytest.approx(2e-4))
+    assert soft.std == pytest.approx(2e-4 * np.sqrt(0.01**2 + 1e-3**2 + 0.02**2))
+    bound = sheet({}, bounds={GearEffect("gap", "1", 2e-4): 0.1 * K}).number("lost_1")
+    assert bound is not None
+    assert bound.bound == pytest.approx(4e-5)
+    assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
