@@ -40,6 +40,7 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
 _POINTS = 400  # of a loop
+_FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
 _SAME = 0.95  # correlation from which two effects cannot be told apart
 _OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
 _HYSTERESIS = ("stop", "bristle")
@@ -180,6 +181,7 @@ def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEff
     delta = reach * np.concatenate([np.linspace(-1, 1, _POINTS // 2), np.linspace(1, -1, _POINTS // 2)])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.gradient(gear.torque(delta[: _POINTS // 2], hysteresis=False)[0], delta[: _POINTS // 2])
+    slope = np.maximum(slope, _FREE * gear.parameter(f"k_{gear.joint}")[0])
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
     ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
     torsion_std = std / np.concatenate([slope, slope[::-1]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +18,14 @@ from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
-from elastid.use.command.shapers import RegionModes, Shaper
-from elastid.use.command.tune import TunedMove
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
+
+if TYPE_CHECKING:
+    from elastid.use.command.shapers import RegionModes, Shaper
+    from elastid.use.command.tune import TunedMove
 
 FIT, GEARS, VALIDATION, MAP, TUNE, SHAPERS = "fit", "gears", "validation", "map", "tune", "shapers"
 # Version of the form of compare.json.
@@ -116,16 +119,22 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
 
 def write_tune(path: Path | str, tuned: TunedMove, stamp: Stamp = NO_STAMP) -> None:
     """tune.h5: the references of a move, its limits, and the error of its tool."""
+    from elastid.use.command.tune import TunedMove  # brings the simulation, which a fit does without
+
     write_artefact(path, TUNE, stamp, {"tune": (tuned, TunedMove)})
 
 
 def read_tune(path: Path | str) -> TunedMove:
     """The move in tune.h5."""
+    from elastid.use.command.tune import TunedMove
+
     return read_part(path, TUNE, "tune", TunedMove)
 
 
 def write_shapers(path: Path | str, modes: RegionModes, shapers: tuple[Shaper, ...], stamp: Stamp = NO_STAMP) -> None:
     """shapers.h5: modes of a region, and shapers for them in their rank."""
+    from elastid.use.command.shapers import RegionModes, Shaper
+
     parts = {"modes": (modes, RegionModes)} | {shaper.name: (shaper, Shaper) for shaper in shapers}
     write_artefact(path, SHAPERS, stamp, parts)
 
