@@ -17,9 +17,9 @@ others the share of 95 % intervals that hold the truth. It must lie between 94 a
 deviations allowed for chance, where fewer than 90 % of the draws are misfits. The last line is one JSON object.
 
 300 draws: misfits and coverage of the rest 0.7 % and 96.5 % (gravity), 0.3 % and 95.8 % (lugre), 0.3 % and 94.5 %
-(asymmetric), each with a std of 0.5 to 0.8 %; of elastic axes 98.3 % are misfits, and all intervals of the others hold
-the truth. --draws 60 --seed 3, before springs were looked for by their swinging: 3 % and 96.7 % (cogging). Where
-directions that do not differ are taken in, 1 % of draws, their numbers miss the truth.
+(asymmetric), 0.7 % and 95.4 % (cogging), each with a std of 0.5 to 0.8 %; of elastic axes 98.3 % are misfits, and all
+intervals of the others hold the truth. Where directions that do not differ are taken in, 1 % of draws, their numbers
+miss the truth.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
