@@ -63,7 +63,7 @@ def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
 
 def test_example_18_finds_the_modes_of_three_masses() -> None:
     """Shapes with a MAC of 0.999 and more, and a state-space model of six states."""
-    found = example("ex18_modes_of_a_structure")
+    found = example("ex19_modes_of_a_structure")
     assert np.all(found["agreement"] > 0.999)
     assert np.all(np.abs(found["modes"].zeta - found["zeta"]) < 4 * found["modes"].zeta_std)
     assert len(found["model"].A) == 6
