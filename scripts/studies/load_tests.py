@@ -12,8 +12,8 @@ posture in five each; 10 with a tracker (10 um), 10 with a dial gauge (3 um).
 3. Tests with a fault: gears 10 % softer at rest, 40 um of hysteresis in each, a base of 5 N/um under the stand of the
    gauge; how often it is found, and named.
 
-Of 5 clean fits (--clean 5 --fits 1) the standard deviations of k_4, k_5 and k_6 fell from 4.4, 2.4 and 16 % to 0.64, 0.58
-and 1.3 %, no test was said to contradict, and each fault was found and named.
+Of 5 clean fits (--clean 5 --fits 1) the standard deviations of k_4, k_5 and k_6 fell from 4.4, 2.4 and 16 % to 0.64,
+0.58 and 1.3 %, no test was said to contradict, and each fault was found and named.
 """
 
 from __future__ import annotations
