@@ -11,6 +11,9 @@ posture in five each; 10 with a tracker (10 um), 10 with a dial gauge (3 um).
 2. Clean tests: how often they are said to contradict the responses, of 100 fits; the spread of the ratio over its std.
 3. Tests with a fault: gears 10 % softer at rest, 40 um of hysteresis in each, a base of 5 N/um under the stand of the
    gauge; how often it is found, and named.
+
+Of 5 clean fits (--clean 5 --fits 1) the standard deviations of k_4, k_5 and k_6 fell from 4.4, 2.4 and 16 % to 0.64,
+0.58 and 1.3 %, no test was said to contradict, and each fault was found and named.
 """
 
 from __future__ import annotations
@@ -189,7 +192,8 @@ def main() -> None:
     for i, name in enumerate(springs):
         assert name not in WRIST or mean[i, 1] < mean[i, 0] / 2, (name, mean[i])
     assert alarms <= max(1, clean / 100)
-    assert options.quick or 93 <= summary["inside %"] <= 98
+    chance = 300 * np.sqrt(0.95 * 0.05 / np.size(inside))  # three standard deviations, in %
+    assert options.quick or abs(summary["inside %"] - 95) < chance, summary["inside %"]
     for fault in FAULTS:
         assert summary[fault]["named"] >= 0.8 * count, summary[fault]
 
