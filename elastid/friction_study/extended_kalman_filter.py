@@ -27,9 +27,8 @@ F_s / F_c and its velocity have a share in the gain, so that what is learnt near
 none (P without their part makes K and S): their errors show in the innovations, and a gain that expects them lags.
 
 Q has the noise of the torques, through the step's own Jacobian, the drift of the followed numbers, and the slip of the
-bristle: (slip z_s)^2 l e^-l (1 - min(1, z / z_s)^2), l = |v| T_s / z_s, z_s = F_c / sigma_0, z = 0 where it is bent
-against the motion: a joint that creeps does not take its bristle for certain, while one that slides has it at its end.
-Noise there would move F_c against b, which one speed leaves open: the slope of z to F_c follows the estimate of z.
+bristle: (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps does not take its bristle for
+certain, while one that slides by more than z_s in a sample has it at its end.
 """
 
 from __future__ import annotations
@@ -225,8 +224,7 @@ def _process_noise(
     z_s = coulomb / joint.bristle_stiffness
     slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
     own = ca.SX.zeros(len(names))
-    bent = ca.fmax(0, ca.fmin(1, x[names.index("z")] * ca.sign(x[names.index("v_m")]) / z_s))
-    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped) * (1 - bent**2)
+    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped)
     if "w" in names:
         own[names.index("w")] = noise[2]
     for i, name in enumerate(joint.followed):

@@ -36,7 +36,7 @@ class FilterThresholds:
 
     False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 0.
-    False alarms of 51 clean logs: moves-beyond-band 1, repeats-at-stops 0 (scripts/studies/filter_honesty.py).
+    False alarms of 17 clean logs: moves-beyond-band 0, repeats-at-stops 0 (scripts/studies/filter_honesty.py).
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift

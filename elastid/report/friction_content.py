@@ -115,7 +115,7 @@ class FrictionContent:
         missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}
         if missing:
             return tuple(f"For {part}: {reason}." for part, reason in list(missing.items())[:3])
-        return ("Use the law: elastid export STUDY --run FOLDER --to robot writes it into the robot's file.",)
+        return ("Use the law: `elastid export STUDY --run FOLDER --to robot` writes it into the robot's file.",)
 
 
 def answer(joint: JointFriction) -> str:

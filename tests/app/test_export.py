@@ -29,4 +29,4 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
 
 def test_the_command_offers_every_target() -> None:
     further = [target for target in RESPONSE_TARGETS if target not in TARGETS]
-    assert ["robot", *TARGETS, *further, "draws", "observer"] == _TARGETS
+    assert ["robot", *TARGETS, *further, "draws", "observer", "compensation"] == _TARGETS

@@ -14,22 +14,10 @@ from elastid.friction_study.extended_kalman_filter import (
     JointSamples,
     KalmanFilter,
     Track,
-    filter_step,
     first_estimate,
 )
 from elastid.friction_study.follow import consistency, estimate_noise, unknown, weakest_direction
-from tests.plants.warm_joint import (
-    COULOMB,
-    COUNT,
-    FOLLOWED,
-    RATE_HZ,
-    SIGMA_0,
-    TORQUE_STD,
-    WarmRun,
-    rich,
-    simulate,
-    stops_and_moves,
-)
+from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift=DRIFT)
@@ -82,20 +70,6 @@ def test_a_bristle_taken_for_certain_is_seen_at_stops() -> None:
     judged = consistency(track, SETTLED_S)
     assert nees(track, "Fc", run.coulomb) > 5
     assert judged.nis_at_stops > 1.5
-
-
-def test_a_bristle_that_slides_has_no_noise_at_its_end() -> None:
-    """One half bent has three quarters of the slip's variance, and one that turns round all of it."""
-    joint = replace(FOLLOWED, tolerances={})
-    step, names, end, slip, speed = filter_step(joint, RATE_HZ), joint.states, COULOMB / SIGMA_0, 0.1, 2.0
-    noise = FilterNoise(angle=1e3, torque=0.0, slip=slip).vector(joint, RATE_HZ)  # an angle that says nothing
-    certain, variances = np.zeros((len(names), len(names))), []
-    for bent in (1.0, 0.5, -1.0):
-        x = np.array([{"v_m": speed, "v_l": speed, "z": bent * end}.get(name, 0.0) for name in names])
-        variances.append(step(x, certain, 0.0, 0.0, 0.0, noise)[1].full()[4, 4])
-    slipped = speed / RATE_HZ / end
-    of_slip = (slip * end) ** 2 * slipped * np.exp(-slipped)
-    np.testing.assert_allclose(np.array(variances) / of_slip, (0.0, 0.75, 1.0), atol=1e-6)
 
 
 def test_pieces_of_a_log_give_the_track_of_the_whole(kalman: KalmanFilter) -> None:

@@ -167,7 +167,7 @@ def rigid(robot: Robot) -> Robot:
     """The same bodies on joints without springs, friction and rotors; one motor is left that hardly counts."""
     motor = Motor(inertia=1e-300)
     bodies = tuple(
-        replace(body, joints=tuple(replace(j, spring=None, motor=motor, viscous=0.0) for j in body.joints))
+        replace(body, joints=tuple(replace(j, spring=None, gear=None, motor=motor, viscous=0.0) for j in body.joints))
         for body in robot.bodies
     )
     return replace(robot, bodies=bodies)

@@ -46,6 +46,7 @@ NOT_FOLLOWED = {
     ("fit/diagnosis/status.py", "lower fit.start_factor"),
     ("fit/diagnosis/status.py", "raise fit.starts"),
     ("fit/result.py", "raise fit.starts"),
+    ("use/command/moves.py", "widen robot.bodies.joints.limits.angle"),
 }
 
 

@@ -159,7 +159,7 @@ def prior_that_the_page_advises(desk: Desk) -> None:
     result = replace(result, covariance=r * np.outer(std, std), status="converged")
     texts = [
         action.text
-        for action in next_steps(report_content(result=result), parameter_rows(result, {}, {}))
+        for action in next_steps(result, parameter_rows(result, {}, {}), report_content(result=result).plan)
         if action.text
     ]
     (text,) = (text for text in texts if text.startswith("--set"))

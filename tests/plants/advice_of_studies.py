@@ -34,6 +34,7 @@ from elastid.use.postures import grid_postures, random_postures
 from plants.advice import PACKAGE, Case, Desk, case, pasted, refusal, rendered
 from plants.commanded_arm import arm
 from plants.friction_logs import SPEEDS, sliding_torque, trapezoids, write_log, write_study
+from plants.friction_study import friction_content
 from plants.two_axes import ROBOT, STUDY
 
 # (module, advice): overrides that provoke the message at `check`, the section of the advice, what it tells besides.
@@ -276,7 +277,27 @@ def disturbance_at_a_rigid_joint(desk: Desk) -> None:
     assert said == "", said
 
 
+@case("study/words.py", "elastid inspect FILE")
+def arrays_of_a_result(desk: Desk) -> None:
+    """A file of a run has the array that the word was found in; any file of numbers is inspected alike."""
+    (desk.folder / "log.csv").write_text("t,coherence\n0,1\n1,1\n", encoding="utf-8")
+    assert rendered("elastid inspect FILE", desk.said("explain", "coherence")[1])
+    assert desk.elastid("inspect", str(desk.folder / "log.csv")) == ""
+
+
+@case("report/friction_content.py", "elastid export STUDY --run FOLDER --to robot")
+def law_for_the_robot(desk: Desk) -> None:
+    """As the command line reads it; tests/app/test_export.py carries it out."""
+    content = friction_content()
+    content = replace(content, result=replace(content.result, status="identified", joints=()))
+    (advice,) = content.questions[-1][1]
+    words = rendered("elastid export STUDY --run FOLDER --to robot", advice).split()[2:]
+    words = [{"STUDY": desk.write(study=STUDY, robot=ROBOT), "FOLDER": str(desk.folder)}.get(w, w) for w in words]
+    assert cli.cli.commands["export"].make_context("export", words).params["target"] == "robot"
+
+
 @case("base/display.py", "--extra notebook")
+@case("app/from_mjcf.py", "--extra mjcf")
 @case("recorded/files/log.py", "--extra ‹›")
 @case("base/kernels/__init__.py", "--reinstall-package elastid")
 def packages(desk: Desk) -> None:
@@ -286,7 +307,7 @@ def packages(desk: Desk) -> None:
     named = {match for text in readers for match in re.findall(r'imported\([^)]*"(\w+)"\)', text)}
     assert project["name"] == "elastid"
     assert len(named) > 2
-    assert named | {"notebook"} <= {*project["optional-dependencies"]}
+    assert named | {"notebook", "mjcf"} <= {*project["optional-dependencies"]}
 
 
 def designed(desk: Desk, template: str, *overrides: str) -> str:
