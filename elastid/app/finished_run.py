@@ -25,7 +25,7 @@ from elastid.validation.results import Validation
 
 
 def run(
-    study: Path | str, folder: Path | str | None = None, *, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+    study: Path | str, folder: Path | str = "", *, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
 ) -> FinishedRun:
     """All stages of a study, as `elastid run` does it: those whose inputs have not changed keep their results.
 

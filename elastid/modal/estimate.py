@@ -43,6 +43,7 @@ class ModeLimits:
 
     max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
+    freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
     input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB
     coherence: float = 0.2  # multiple, median over some lines of the best output
     coherence_lines: int = 21
@@ -241,8 +242,9 @@ class _FittedMode:
         return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
 
     def is_within(self, response: FrequencyResponse) -> bool:
-        """True within the band, with a damping that is known."""
+        """True within the band, with a frequency and a damping that are known."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
+        inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
         return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
 
     def is_twin_of(self, other: _FittedMode) -> bool:

@@ -49,6 +49,8 @@ UNUSED = (
            "drop it"),
     Unused((*_FRICTION, "frf", *_RESPONSES), ("gears",), "gears are laid open in records of an elastic robot, and this "
            "study has no robot or no records of one; drop this section"),
+    Unused(("simulated", "recorded", "responses", *_FRICTION), ("modal",), "modes are found in responses without a "
+           "robot; drop this section, or robot and fit"),
     Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "validation", "compare"), "this "
            "section "
            "needs a robot, and the study has none; give robot: its file, or drop the section"),
