@@ -23,7 +23,7 @@ from elastid.response import FrequencyResponse
 
 ONE_SIDED_95 = 1.644854
 # Of kinds that are one effect in several shapes.
-_FAMILIES = {"progressive": "cubic", "bristle": "stop"}
+_FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
 
 
 def family_of(effect: GearEffect) -> tuple[str, str, float]:

@@ -111,7 +111,8 @@ def conclude(run: Run) -> None:
         run.console.say(f"gears: {gear_line(opened)}")
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
-    for line in _answers(run, result, rows):
+    explained = opened is not None and opened.explains_misfit
+    for line in _WITH_GEARS if explained else _answers(run, result, rows):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
     run.console.say(", ".join(str(path) for path in files if path.exists()))
@@ -120,8 +121,15 @@ def conclude(run: Run) -> None:
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
-    explained = opened is not None and opened.explains_misfit
     run.console.say(f"{status}: {result.message if explained else meaning}")
+
+
+# The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.
+_WITH_GEARS = (
+    "Are the numbers good? Yes, those beside the effects of the gears; of the linear fit they are off.",
+    "Where does the model fail? Where it is linear: the line `gears` says what is left unexplained.",
+    "What next? Take identified_robot.yml, which states the effects.",
+)
 
 
 def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Iterator[str]:
