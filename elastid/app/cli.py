@@ -6,6 +6,7 @@ believed as it stands; 130 interrupted.
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 import sys
@@ -49,6 +50,19 @@ def run_command(arguments: Sequence[str]) -> int:
         return interrupted(arguments) if pressed.is_set() else explained(error)
     return 0
 
+
+class _Finite(click.FloatRange):
+    """A finite number in a range, which nan is in of itself."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; click's error for nan and inf."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+_POSITIVE = _Finite(min=0, min_open=True)
 
 _OPTIONS: dict[str, Decorator] = {
     "run": click.option(
@@ -301,14 +315,14 @@ def map_command(
 @_study
 @click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
     help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
-@click.option("--time", "duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Duration in s.")
+@click.option("--time", "duration", type=_POSITIVE, metavar="S", help="Duration in s.")
 @click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
-@click.option("--error", "error_mm", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
+@click.option("--error", "error_mm", type=_POSITIVE, default=1.0, show_default=True,
     metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
 @click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
-@click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
+@click.option("--rate", "rate_hz", type=_POSITIVE, metavar="HZ",
     help="Of the references (default: that of the study, else 500).")  # fmt: skip
-@click.option("--bandwidth", "bandwidth_hz", type=click.FloatRange(min=0, min_open=True), default=4.0,
+@click.option("--bandwidth", "bandwidth_hz", type=_POSITIVE, default=4.0,
     show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
     help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
@@ -337,10 +351,10 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 @_study
 @click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
 @click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (20 if nothing is given).")
-@click.option("--payload", "payloads", type=click.FloatRange(min=0), multiple=True, metavar="KG",
+@click.option("--payload", "payloads", type=_Finite(min=0), multiple=True, metavar="KG",
     help="At the frame, again for more; 0 for none, too.")  # fmt: skip
 @click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
-@click.option("--bandwidth", "bandwidth_hz", type=click.FloatRange(min=0, min_open=True), default=4.0,
+@click.option("--bandwidth", "bandwidth_hz", type=_POSITIVE, default=4.0,
     show_default=True, metavar="HZ", help="Of the drives' position loops, which move the modes.")  # fmt: skip
 @click.option("--held", is_flag=True, help="Modes of a robot whose motors are held, as by very stiff drives.")
 @_stage_options

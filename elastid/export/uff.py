@@ -1,7 +1,8 @@
 """Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55.
 
-A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, any other
-name the next free node, without a direction. nodes.csv lists them.
+A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, `tip x` the
+next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. nodes.csv lists
+them.
 """
 
 from __future__ import annotations
@@ -66,8 +67,13 @@ def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
     nodes = {name: node for i, (name, node) in enumerate(nodes.items()) if node not in list(nodes.values())[:i]}
     first = 1 + max((node for node, _ in nodes.values()), default=0)
-    free = (name for name in names if name not in nodes)
-    return nodes | {name: (first + i, 0) for i, name in enumerate(free)}
+    points: dict[str, int] = {}
+    for name in (name for name in names if name not in nodes):
+        point, _, direction = name.rpartition(" ")
+        is_directed = direction in _DIRECTIONS and bool(point)
+        node = points.setdefault(point if is_directed else name, first + len(points))
+        nodes[name] = (node, _DIRECTIONS.index(direction) if is_directed else 0)
+    return nodes
 
 
 def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:

@@ -13,7 +13,7 @@ one beyond its noise is a repeated root, two modes with one pole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,8 @@ class ModeLimits:
     twin_mac: float = 0.9
     wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
+    undamped_std: float = 4.0  # standard deviations by which a damping is below 0
+    chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
 
 
 LIMITS = ModeLimits()
@@ -77,9 +79,10 @@ def estimate_modes(
     .. math:: \lambda = \lambda_w + 1 / \tau
 
     Lines that the inputs do not reach (40 dB below their best) or that have no coherence are left out.  Raises
-    DataError where fewer than 16 lines are left.
+    DataError where fewer than 16 lines are left, ValueError for numbers that a `modal` section does not take.
     """
     check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
+    ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
     response = usable(response, band_hz)
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
@@ -92,7 +95,7 @@ def estimate_modes(
             data = modal_data(response, _residual_variance(response, fit))
             fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
     shift = 0.0 if exponential_s is None else 1 / exponential_s
-    return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz is not None)
+    return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz)
 
 
 def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
@@ -181,14 +184,14 @@ def _fitted(
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
-    """The candidate nearest to each natural frequency; one of 1 % damping where none is within 2 %."""
+    """The candidates nearest to natural frequencies, each once; one of 1 % damping where none is within 2 %."""
     chosen = []
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
         gap = np.abs(np.abs(candidates) - size) / size
         near = len(gap) > 0 and gap.min() < 0.02
         chosen.append(candidates[np.argmin(gap)] if near else size * complex(-0.01, 1.0))
-    return np.array(chosen, complex)
+    return np.unique(np.array(chosen, complex))
 
 
 def _modes(
@@ -197,19 +200,23 @@ def _modes(
     stable: tuple[ComplexArray, IntArray],
     diagram: StabilisationDiagram,
     shift: float,
-    is_chosen: bool,
+    poles_hz: Sequence[float] | None,
 ) -> Modes:
-    """The poles that are modes; shift: of poles by a window that is taken out, 1/s."""
+    """The poles that are modes; shift: of poles by a window that is taken out, 1/s; poles_hz: as chosen."""
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
     chance = p_values(fit, response.correlated_lines)
-    found = []
+    fitted = []
     for r in np.argsort(np.abs(fit.poles)).tolist():
         pole = complex(fit.poles[r] * scale)
         orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
-        mode = _FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r]))
-        if is_chosen or mode.is_within(response):
-            found.append(mode)
-    return _gathered(response, fit, found if is_chosen else _without_twins(found), diagram)
+        fitted.append(_FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r])))
+    if poles_hz is None:
+        found = _without_twins([mode for mode in fitted if mode.is_within(response)])
+    else:
+        found = [mode for mode in fitted if mode.is_near(poles_hz)]
+    modes = _gathered(response, fit, found, diagram)
+    notes = (*_lost_notes(found, response, poles_hz), *_window_notes(fitted, shift, response))
+    return replace(modes, notes=(*modes.notes, *notes))
 
 
 @dataclass(frozen=True)
@@ -246,6 +253,10 @@ class _FittedMode:
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
         return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
+
+    def is_near(self, poles_hz: Sequence[float]) -> bool:
+        """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
+        return any(abs(self.freq_hz / f - 1) < max(LIMITS.chosen_distance, self.zeta) for f in poles_hz)
 
     def is_twin_of(self, other: _FittedMode) -> bool:
         """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
@@ -291,6 +302,33 @@ def _gathered(
         response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
         stated, mode_indicators(response.G), diagram, _damping_notes(modes, response),
     )  # fmt: skip
+
+
+def _lost_notes(
+    modes: Sequence[_FittedMode], response: FrequencyResponse, poles_hz: Sequence[float] | None
+) -> tuple[Note, ...]:
+    """A note on chosen frequencies without a pole."""
+    lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
+    if not lost:
+        return ()
+    unit = "Hz" if response.rate_is_known else "of the sampling rate"
+    text = (
+        f"no pole is at {', '.join(lost)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
+        "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
+    )
+    return (Note("no-pole", text, response.configuration.name),)
+
+
+def _window_notes(modes: Sequence[_FittedMode], shift: float, response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note on poles with clearly less damping than the window that is taken out."""
+    count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
+    if not count:
+        return ()
+    text = (
+        f"an exponential window of {1 / shift:g} s has more damping than {count} of {len(modes)} poles, which "
+        "cannot have gone through it; give the time constant that the analyser states, or none"
+    )
+    return (Note("window-damping", text, response.configuration.name),)
 
 
 def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:

@@ -11,7 +11,8 @@ from elastid.record import Configuration
 from elastid.response import FrequencyResponse
 
 
-def test_modes_are_read_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize("outputs", [("1x", "1z", "2x"), ("tip x", "tip z", "foot x")], ids=("numbers", "names"))
+def test_modes_are_read_back(tmp_path: Path, outputs: tuple[str, ...]) -> None:
     """Two modes seen along x and z of two nodes: eigenvalues and shapes to the five digits of a data set 55."""
     pyuff = pytest.importorskip("pyuff")
     freq_hz = np.arange(20, 400) / 8
@@ -20,7 +21,7 @@ def test_modes_are_read_back(tmp_path: Path) -> None:
     modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
     G = np.einsum("ir,fr,r->fi", shapes, modal, shapes[0])[:, :, None]
     bench = Configuration("bench", np.zeros(0))
-    response = FrequencyResponse(freq_hz, G, ("1x",), ("1x", "1z", "2x"), "position", bench)
+    response = FrequencyResponse(freq_hz, G, ("shaker",), outputs, "position", bench)
     path = write_uff(tmp_path, "study", [response], [estimate_modes(response)])[0]
     sets = [each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 55]
     poles = natural * (1j * np.sqrt(1 - zeta**2) - zeta)

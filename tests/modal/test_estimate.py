@@ -96,6 +96,27 @@ def test_six_by_six_and_chosen_poles() -> None:
     np.testing.assert_allclose(modes.zeta, ZETA[1:3], rtol=0.02)
 
 
+def test_a_chosen_frequency_without_a_pole_is_named() -> None:
+    """Between two modes there is none: the pole that wanders to a mode is not that at 55 Hz; two may name one mode."""
+    shapes = np.random.default_rng(2).normal(size=(3, 5))
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, 1, 0.01)
+    modes = estimate_modes(response, poles_hz=(55.0,))
+    assert modes.n_modes == 0
+    assert [note.code for note in modes.notes] == ["no-pole"]
+    assert "no pole is at 55 Hz" in modes.notes[0].text
+    both = estimate_modes(response, band_hz=(20, 33), poles_hz=(25.1, 25.2))
+    np.testing.assert_allclose(both.freq_hz, [25], rtol=1e-3)
+    with pytest.raises(ValueError, match="above 0 Hz"):
+        estimate_modes(response, poles_hz=(-5.0,))
+
+
+def test_a_window_that_no_pole_went_through_is_named() -> None:
+    """0.05 s takes more damping out than light modes have; 10 s does not."""
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
+    assert "window-damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
+    assert "window-damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
+
+
 @pytest.mark.slow
 def test_an_exponential_window_is_taken_out_of_the_damping() -> None:
     r"""Hits with answers times exp(-t / 0.5 s): the poles of the response have 2 / s more of damping each."""

@@ -92,8 +92,10 @@ def nearest_limit(
     if not used[kind][place] > 0:
         return None
     joint = robot.driven[place]
-    unit = "rad" if kind == "angle" else KINDS[kind]
-    limit = float(limits.angle[place, 1] if kind == "angle" else getattr(limits, kind)[place])
-    return NearestLimit(
-        kind, joint.name, limit, of_translation(unit) if joint.slides else unit, float(used[kind][place])
-    )
+    if kind == "angle":
+        beyond = references.position[within, place] - limits.range[0][place]
+        limit = float(limits.angle[place, int(beyond[np.argmax(np.abs(beyond))] > 0)])
+    else:
+        limit = float(getattr(limits, kind)[place])
+    unit = joint.unit if kind == "angle" else of_translation(KINDS[kind]) if joint.slides else KINDS[kind]
+    return NearestLimit(kind, joint.name, limit, unit, float(used[kind][place]))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.simulated.plant import MAX_SUBSTEPS
 from elastid.friction.robot_friction import frictions
@@ -106,7 +106,10 @@ class TwinLoop:
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
         none = np.zeros_like(velocity)
         commands = Commands(references.position, velocity, references.torque, none, none)
-        moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
+        try:
+            moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
+        except DataError as error:
+            raise DataError(f"{error}; lower --bandwidth of the drives, or raise --rate") from error
         return moved.q, moved.u
 
     def error(self, q: FloatArray, target: FloatArray) -> FloatArray:
