@@ -233,7 +233,7 @@ def options_of_maps_draws_and_fits(desk: Desk) -> None:
 
 @case("use/command/moves.py", "--time for the duration of the move", "--fastest")
 @case("use/command/tune.py", "--error", "--bandwidth", "--time ‹›")
-@case("use/command/replay.py", "--rate")
+@case("use/command/replay.py", "--bandwidth", "--rate")
 def options_of_moves(desk: Desk) -> None:
     """A way without times is refused until a time is given, 0 for the shortest; the others are options of tune."""
     path = desk.folder / "move.csv"

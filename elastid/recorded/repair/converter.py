@@ -105,7 +105,8 @@ def _at_limit(x: FloatArray) -> BoolArray:
     span = np.max(x) - np.min(x)
     near = LIMITS.equal_tolerance * span
     has_fine_steps = step(x) <= LIMITS.max_step_share * span
-    return np.asarray(has_fine_steps & ((np.max(x) - x <= near) | (x - np.min(x) <= near)))
+    # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.
+    return np.asarray(has_fine_steps & (x != 0) & ((np.max(x) - x <= near) | (x - np.min(x) <= near)))
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:

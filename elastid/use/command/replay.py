@@ -109,7 +109,7 @@ class TwinLoop:
         try:
             moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
         except DataError as error:
-            raise DataError(f"{error}; lower --bandwidth of the drives, or raise --rate") from error
+            raise DataError(f"{error}; lower --bandwidth, or raise --rate") from error
         return moved.q, moved.u
 
     def error(self, q: FloatArray, target: FloatArray) -> FloatArray:

@@ -43,6 +43,17 @@ def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     assert find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
 
 
+def test_a_force_at_rest_under_its_window_is_not_clipped() -> None:
+    """Six hits of other heights, exactly 0 between them; cut at half of the lowest they are."""
+    x, rng = np.zeros(3000), np.random.default_rng(0)
+    for hit in range(6):
+        x[500 * hit + 50 : 500 * hit + 80] = rng.uniform(0.7, 1.3) * np.sin(np.pi * (np.arange(30) + 0.5) / 30)
+    log = Log("log", ("force",))
+    assert find_clipping(x[:, None], len(x), log) == ()
+    (finding,) = find_clipping(np.minimum(x, 0.35)[:, None], len(x), log)
+    assert finding.count == np.sum(x > 0.35)
+
+
 def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     """360 deg / 4096; without other noise its error repeats with the signal, and that is said."""
     q = 360 / 4096
