@@ -5,6 +5,7 @@ import pytest
 from plants.data_sheet_arm import arm, measure
 from plants.loaded_arm import NAMED, load_tests
 
+from elastid.base.errors import FitError
 from elastid.fit.identify import identify
 from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -41,6 +42,13 @@ def test_a_fault_is_a_misfit_with_its_cause(case):
     assert "static load tests contradict the responses" in result.message
     assert words in result.static.cause, result.static.cause
     assert [note for note in result.notes if note.code == "static-stiffness"]
+
+
+@pytest.mark.slow
+def test_readings_that_no_robot_can_have_are_told_from_the_responses():
+    """mm for m pull the springs so soft that the robot tips over; the responses alone can be fitted."""
+    with pytest.raises(FitError, match="responses alone can be fitted: check units, signs and directions"):
+        fitted(lambda y, force: 1e3 * y)
 
 
 def test_the_ratio_and_wider_intervals():
