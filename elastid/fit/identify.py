@@ -204,11 +204,11 @@ def _with_static_agreement(
     of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
     result = of_responses[3]
     static = static_agreement(assembly.loads, result, found[3], found[1].fit)
-    if static.disagrees and (result.exceeds_noise or not result.noise_is_known):
+    if static.disagrees or result.exceeds_noise:
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in.
         first = alone.at(first.parameters.x, spec.criterion)
         again = _with_found_floor(alone, spec, first, *_from_all_starts(alone, first, spec, Execution()), Execution())
-        if again[3].cost < result.cost:
+        if (again[3].floor, again[3].cost) < (result.floor, result.cost):
             of_responses, result = again, again[3]
             static = static_agreement(assembly.loads, result, found[3], found[1].fit)
     if not static.disagrees:
