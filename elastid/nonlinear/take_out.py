@@ -21,7 +21,6 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
-from elastid.nonlinear.gear.straightness import straightness_notes
 from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
@@ -49,6 +48,8 @@ def estimate_without_friction(
     net = tuple(net_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
     if robot is not None:
+        from elastid.nonlinear.gear.straightness import straightness_notes  # brings CasADi
+
         response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     if friction is None:
         return response
