@@ -12,18 +12,18 @@ from elastid.nonlinear.gear_result import GearResult
 from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import with_laws
-from elastid.robot.simplified import with_joints, without_dry_friction
+from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
 
 _ROUNDING = 0.02  # of the ends of a gap, found as sharp
 
 
 def with_effects(robot: Robot, gears: GearResult) -> Robot:
-    """A fitted robot with the effects of its gears, and no other dry friction.
+    """A fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
 
     A spring that softens so far that it would pull keeps the stiffness at zero torque alone, as does one whose law the
     robot's file cannot state.
     """
-    bare, laws = without_dry_friction(robot), {}
+    bare, laws = with_straight_springs(without_dry_friction(robot)), {}
     for joint in robot.driven:
         level = gears.level("friction", joint.name)
         if level > 0 and joint.motor is not None:

@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.errors import DataError, check_kind
+from elastid.base.errors import DataError, FitError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit import checks
@@ -91,6 +91,13 @@ def identify(
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))
+    except FitError as error:
+        if not loads:
+            raise
+        fit_parameters(responses, robot, spec, model=model)  # raises its own where the load tests are not to blame
+        raise FitError(
+            f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
+        ) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
 
@@ -137,14 +144,22 @@ def _search(
         raise DataError(f"{few}; fix some, or use more lines")
     checks.check_effects(fit, robot)
     checks.check_scale(fit, robot)
+    starts, hits = _from_all_starts(assembly, fit, spec, execution)
+    if has_tolerances(robot):
+        assembly, fit, starts = release(assembly, starts, robot, loads)
+    return assembly, fit, starts, hits
+
+
+def _from_all_starts(
+    assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution
+) -> tuple[tuple[LocalOptimum, ...], int]:
+    """Where all starts ended, best first, and how many reached the best; fit: at the start of the parameters."""
+    parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
         problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
-    starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    if has_tolerances(robot):
-        assembly, fit, starts = release(assembly, starts, robot, loads)
-    return assembly, fit, starts, hits
+    return multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
 
 
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
@@ -189,6 +204,13 @@ def _with_static_agreement(
     of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
     result = of_responses[3]
     static = static_agreement(assembly.loads, result, found[3], found[1].fit)
+    if static.disagrees or result.exceeds_noise:
+        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in.
+        first = alone.at(first.parameters.x, spec.criterion)
+        again = _with_found_floor(alone, spec, first, *_from_all_starts(alone, first, spec, Execution()), Execution())
+        if (again[3].floor, again[3].cost) < (result.floor, result.cost):
+            of_responses, result = again, again[3]
+            static = static_agreement(assembly.loads, result, found[3], found[1].fit)
     if not static.disagrees:
         return *found[:3], replace(found[3], static=static)
     step = found[3].x - result.x

@@ -10,12 +10,15 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import FitResult
+from elastid.fit.result import FitResult, Status
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.robot import Robot
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit.
 EXPLAINED = 0.25
+# Code of the note on a gear that is no straight spring, of which nothing was found.
+BENT_STILL = "gear-still-bent"
+NOT_EXPLAINED = "the effects found in its gears do not explain that"
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
 _MAKERS: dict[str, tuple[str, float]] = {
@@ -122,7 +125,8 @@ class GearResult:
     @property
     def explains_misfit(self) -> bool:
         """True where the effects take most of what the linear fit leaves, by whose misfit they are not to be judged."""
-        return bool(self.effects) and self.after < EXPLAINED * self.before
+        bent = any(note.code == BENT_STILL for note in self.notes)
+        return bool(self.effects) and not bent and self.after < EXPLAINED * self.before
 
     @property
     def std(self) -> FloatArray:
@@ -143,19 +147,26 @@ class GearResult:
 def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
     """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
 
-    The same fit where nothing was looked for.
+    Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load
+    tests that contradict it stay a misfit. The same fit where nothing was looked for.
     """
     if gears is None or gears.refused:
         return result
     n, none = len(gears.x), np.zeros((0, 2))
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
-    if result.status != "misfit" or not gears.explains_misfit:
+    is_contradicted = result.static is not None and result.static.disagrees
+    if result.status != "misfit":
         return final
+    if is_contradicted or not gears.explains_misfit:
+        return replace(final, message=f"{result.message}; {NOT_EXPLAINED}")
     message = (
         "the linear fit is a misfit, which the effects of the gears explain: of the motion they leave "
         f"{100 * gears.after:.2g} %, the linear fit {100 * gears.before:.2g} %"
     )
-    return replace(final, status="converged", message=message)
+    excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
+    good: Status = "converged" if result.noise_is_known else "noise_unknown"
+    V, free = result.cost_expected + excess, np.zeros_like(result.at_bound)
+    return replace(final, status=good, message=message, cost=V, at_bound=free, indices=(), verdicts=())
 
 
 def rated_torque(robot: Robot, joint: str) -> float:

@@ -26,6 +26,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.gear.choice import SPRINGS
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear.find import find_gear_effects
@@ -33,10 +34,10 @@ from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
 from elastid.nonlinear.gear_limits import LOST, coarse_encoders, deflections, drives_of, left, refusal
-from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
+from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import BENT, NOT_STRAIGHT, FrequencyResponse
 from elastid.robot import Robot
 
 _POINTS = 400  # of a loop
@@ -59,8 +60,9 @@ def open_gears(
 ) -> GearResult:
     """Effects of all gears with the parameters beside them, and the sheet of each gear.
 
-    measured, responses: of each fitted configuration in one order.  result: the fit of these responses.  Where nothing
-    can be found the numbers are those of the fit, and `refused` says why.
+    measured, responses: of each fitted configuration in one order.  result: the fit of these responses with straight
+    springs, to which the effects add (`with_straight_springs`).  Where nothing can be found the numbers are those of
+    the fit, and `refused` says why.
     Raises StudyError as `analysed_lines` does.
     """
     execution = execution or Execution()
@@ -88,6 +90,7 @@ def open_gears(
     pairs = list(zip(data, drives, strict=True))
     notes = (
         *coarse_encoders(data, drives, joints),
+        *_bent_notes(responses, found),
         *_off_notes(result, found),
         *_same_notes(found),
     )
@@ -172,7 +175,8 @@ def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEff
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
     numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
     numbers += [*_frictions(gear), *_periodic(gear)]
-    numbers += _unseen(gear, bounds, reach)
+    seen = {each.name for each in numbers}
+    numbers += [each for each in _unseen(gear, bounds, reach) if each.name not in seen]
     numbers = [
         replace(each, rated_share=(each.value if each.is_seen else each.bound) / rated)
         if each.kind == "torque" and math.isfinite(rated) else each
@@ -343,6 +347,16 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         meaning = "stiffening up to the largest torque, of the secant"
         return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]
     return []
+
+
+def _bent_notes(responses: Sequence[FrequencyResponse], found: Levels) -> list[Note]:
+    """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
+    kinds = (*SPRINGS, *_HYSTERESIS, "error sine", "error cosine")
+    laws = {effect.joint for effect in found.effects if effect.kind in kinds}
+    every = (note.text for G in responses for note in G.notes if note.code == NOT_STRAIGHT)
+    bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
+    text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
+    return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
 
 
 def _off_notes(result: FitResult, found: Levels) -> list[Note]:

@@ -18,7 +18,9 @@ import numpy as np
 from elastid.base.display import number, percent
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult
+from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import ParameterRow, ReportContent
+from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
 
@@ -218,8 +220,13 @@ def next_steps(result: FitResult, rows: Sequence[ParameterRow], plan: Plan | Non
     if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
         candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(result, plan, poor)]
     actions = [action for action in candidates if action is not None]
-    none_needed = Action("Use the numbers.", "No interval or residual asks for another measurement.")
-    return tuple(actions[: ADVICE.actions] or [none_needed])
+    if is_wrong(result):
+        last = Action(
+            "Correct what the first warning names, and fit again.", "The model is wrong, not the noise large."
+        )
+    else:
+        last = Action("Use the numbers.", "No interval or residual asks for another measurement.")
+    return tuple(actions[: ADVICE.actions] or [last])
 
 
 # Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
@@ -230,6 +237,10 @@ COMMANDS = tuple(
 
 
 def _action_of_status(result: FitResult) -> Action | None:
+    if result.status == "misfit" and BENT in result.message and NOT_EXPLAINED not in result.message:
+        return Action(
+            "Lay the gears open, once.", "Stiffness at zero torque and the law beyond it.", "--set 'gears={}'"
+        )
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")

@@ -12,6 +12,7 @@ from elastid.robot.body import Body
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.robot import Robot
+from elastid.robot.spring import Spring
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,17 @@ def without_dry_friction(robot: Robot) -> Robot:
 def without_friction(robot: Robot) -> Robot:
     """Motors and joints without viscous and dry friction."""
     return with_joints(without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
+
+
+def with_straight_springs(robot: Robot) -> Robot:
+    """Springs in gears with the one stiffness k, beyond the gap of one that has a gap."""
+
+    def straight(joint: Joint) -> Joint:
+        if joint.motor is None or joint.spring is None:
+            return joint
+        return replace(joint, spring=Spring(joint.spring.stiffness, joint.spring.damping))
+
+    return with_joints(robot, straight)
 
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:

@@ -55,6 +55,14 @@ def test_friction_of_the_file_that_was_not_found_is_gone() -> None:
     assert joint.gear is None
 
 
+def test_a_law_of_the_file_that_was_not_found_is_gone() -> None:
+    """The effects add to straight springs: a gap of the file beside the one that was found would count twice."""
+    worn = with_joints(
+        robot(Gear()), lambda joint: replace(joint, spring=replace(joint.spring, backlash=2e-4, cubic=1e9))
+    )
+    assert with_effects(worn, result({})).driven[0].spring == robot(Gear()).driven[0].spring
+
+
 def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
     """A softening of the records' torques has no place in a robot's file, which holds at every torque."""
     joint = with_effects(robot(Gear()), result({GearEffect("cubic", "1"): -1e9})).driven[0]

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import LINES, Gear, records, robot
 
+from elastid.base.note import Note
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.static_agreement import StaticAgreement
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet, with_gears
+from elastid.nonlinear.gear_result import ARCMIN, BENT_STILL, NOT_EXPLAINED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, ParameterSet
@@ -104,6 +106,37 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     assert not friction.is_seen
     assert friction.bound == 0.6
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
+
+
+def test_a_number_that_was_seen_has_no_bound_beside_it() -> None:
+    """Stiffening by one law is not bounded by another, under the same name."""
+    found = sheet({GearEffect("cubic", "1"): 4e9}, bounds={GearEffect("range", "1", 1e-3): 3.0})
+    assert [number.is_seen for number in found.numbers if number.name == "h_1"] == [True]
+
+
+def opened(after: float, *notes: Note) -> GearResult:
+    """A law of a spring beside two parameters; of the motion the linear fit leaves 20 %."""
+    effect, level = (GearEffect("cubic", "1"),), np.ones(1)
+    return GearResult(PARAMETERS.x, np.eye(3), effect, level, before=0.2, after=after, notes=notes)
+
+
+def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
+    """V beyond the noise falls with the square of what is left; else the fit stays a misfit and says so."""
+    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
+    good = with_gears(misfit, opened(0.02))
+    assert (good.status, good.verdicts) == ("converged", ())
+    assert good.cost == pytest.approx(1 + 100 * 0.1**2)
+    for found in (opened(0.06), opened(0.02, Note(BENT_STILL, "no law", "joint 1"))):
+        still = with_gears(misfit, found)
+        assert (still.status, still.cost) == ("misfit", 101.0)
+        assert NOT_EXPLAINED in still.message
+
+
+def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
+    """Static tests do not go into the search: what they contradict stays contradicted."""
+    static = StaticAgreement((), cause="the base tilts")
+    misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
+    assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
 def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[FitResult, GearResult]:

@@ -10,6 +10,7 @@ from plants.report_values import TRUTH, fit_result, report_content
 
 from elastid.base.display import percent
 from elastid.fit.result import ModificationIndex
+from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import model_lines, parameter_rows
 from elastid.report.overview import (
     ADVICE,
@@ -21,6 +22,7 @@ from elastid.report.overview import (
     verdict_sentence,
     widest,
 )
+from elastid.response import BENT
 
 
 def rows_of(result):
@@ -92,6 +94,19 @@ def test_answers_do_not_contradict_the_status():
     assert "within its floor" in verdict_sentence(held, rows, beyond)
     assert residual_sentence(held, within) == "Nowhere: no residual beyond what the noise explains."
     assert verdict_sentence(held, rows, within).startswith("the model describes the data; ")
+
+
+def test_a_misfit_never_ends_in_numbers_to_be_used():
+    """A spring that is not straight asks for its gear to be laid open, once; any other for the first warning."""
+    result = replace(fit_result(), status="misfit", message="off", indices=(), cost=100.0, cost_expected=100.0)
+    rows = rows_of(result)
+    assert [action.what for action in next_steps(result, rows)] == [
+        "Correct what the first warning names, and fit again."
+    ]
+    bent = replace(result, message=f"{BENT} 1 is not straight")
+    assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
+    opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
+    assert not any("gears" in action.text for action in next_steps(opened, rows))
 
 
 def test_a_number_that_explains_a_thousandth_of_the_residuals_is_no_cause():

@@ -99,7 +99,8 @@ def conclude(run: Run) -> None:
     MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
-    result = with_gears(read_fit(run.path("fit")), opened)
+    linear = read_fit(run.path("fit"))
+    result = with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     study = run.study
@@ -121,7 +122,7 @@ def conclude(run: Run) -> None:
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
-    run.console.say(f"{status}: {result.message if explained else meaning}")
+    run.console.say(f"{status}: {result.message if linear.status == 'misfit' else meaning}")
 
 
 # The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.

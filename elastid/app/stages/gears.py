@@ -6,6 +6,7 @@ k and d of the linear fit are those of the amplitude of the records; k found bes
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from elastid.app.console import Console
@@ -16,7 +17,10 @@ from elastid.app.stages.fit import fitted_rows
 from elastid.app.summaries import as_json
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
@@ -24,7 +28,9 @@ from elastid.nonlinear.gear_result import with_gears
 from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.gear_content import gear_line
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.robot.simplified import with_straight_springs
 from elastid.store.measured import read_friction, read_plan, read_responses
 from elastid.store.results import read_fit, write_gears
 
@@ -51,7 +57,8 @@ def gears(
     planned = None if design_file is None else read_plan(design_file).lines
     records = [RecordsOnShafts(measure_file, response.configuration.name, None) for response in responses]
     with work.execution() as execution:
-        opened = open_gears(records, responses, result, robot, estimator, gears, execution, model, planned)
+        start = on_straight_springs(robot, responses, result, model, seeded_fit, execution)
+        opened = open_gears(records, responses, *start, estimator, gears, execution, model, planned)
     final = with_gears(result, opened)
     rows = fitted_rows(robot, experiment, seeded_fit, final, friction)
     content = with_gear_section(_summary(fit_file.with_name("summary.json")), result, rows, opened)
@@ -68,6 +75,31 @@ def gears(
             console.say(f"gears: {gear_line(opened)}")
 
     return Artefacts(files, report)
+
+
+def on_straight_springs(
+    robot: Robot,
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+    model: ModelSpec,
+    spec: FitSpec,
+    execution: Execution,
+) -> tuple[FitResult, Robot]:
+    """A fit and robot without the laws of springs of the robot's file, which are found from the records, too.
+
+    About rest within a gap of the file k would show in no response.  StudyError where a term of a law was fitted: its
+    number would act twice.
+    """
+    straight = with_straight_springs(robot)
+    if straight == robot:
+        return result, robot
+    further = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
+    if terms := [name for name in further if name in robot.parameters()]:
+        raise StudyError(
+            f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
+            f"{', '.join(terms)}, or the section gears"
+        )
+    return identify(responses, straight, spec, model=model, execution=execution.quiet), straight
 
 
 def _summary(path: Path) -> dict[str, object]:

@@ -51,8 +51,8 @@ class Limits:
 LIMITS = Limits()
 ORDERS = (1.0, 2.0)
 _LOST = 10.0  # times smaller than the start
-_SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
-_RIVALS: tuple[tuple[Kind, ...], ...] = (_SPRINGS, ("friction",), ("behind",))
+SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
+_RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("behind",))
 _APART = 1.5  # between the ends of two ranges of one gear, at least
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
@@ -125,7 +125,7 @@ def choose_effects(
         effects = (*found.effects, *added)
         found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
         found = _pruned(arguments, found)
-        for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in _SPRINGS):
+        for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in SPRINGS):
             found = _best_spring(arguments, found, joint)
     return found
 
@@ -133,7 +133,7 @@ def choose_effects(
 def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
     """With another spring of a gear, if that explains more, or as much by fewer numbers; each along its own motion."""
     data, _, linearisation, _ = arguments
-    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in _SPRINGS]
+    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in SPRINGS]
     others = np.array([effect not in springs for effect in found.effects], bool)
     kept = tuple(effect for effect in found.effects if effect not in springs)
     deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
@@ -142,7 +142,7 @@ def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
         return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
     best, least = found, cost(found)
-    for kind, part in zip(_SPRINGS, (0.0, 0.0, 1.0, 0.2), strict=True):
+    for kind, part in zip(SPRINGS, (0.0, 0.0, 1.0, 0.2), strict=True):
         if any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             continue
         effects = (*kept, GearEffect(kind, joint, part * deflection))
@@ -158,7 +158,7 @@ def _named(arguments: _Arguments, found: Levels, joint: str) -> Levels:
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
     """
-    springs = [i for i, effect in enumerate(found.effects) if effect.joint == joint and effect.kind in _SPRINGS]
+    springs = [i for i, effect in enumerate(found.effects) if effect.joint == joint and effect.kind in SPRINGS]
     names = found.parameters.free_names
     if len(springs) != 1 or found.effects[springs[0]].edge is None or f"k_{joint}" not in names:
         return found

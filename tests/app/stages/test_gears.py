@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.app import cli
+from elastid.app.stages.gears import on_straight_springs
+from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.model.formulation import EXACT
+from elastid.nonlinear.gear_sheet import open_gears
+from elastid.nonlinear.spec import GearsSpec
+from elastid.parameters import Parameter, ParameterSet
+from elastid.robot import Robot
+from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
 from elastid.study import load_robot
 
@@ -134,3 +151,35 @@ def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: p
     assert "gears" in summary(folder)
     assert cli.run_command(["inspect", str(folder / "gears.h5")]) == 0
     assert "N*m/arcmin" in capfd.readouterr().out
+
+
+@pytest.mark.slow
+def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> None:
+    """About rest within the gap of the file, k shows in no response: the search starts from straight springs."""
+    gear = Gear(gap=1e-4, loose=0.3)
+    measured, spec = records(gear, seed=1, experiments=4), EstimatorSpec(friction="none", transient_periods=0)
+    response = estimate(measured, spec, LINES)
+    fit = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=1)
+    worn = with_spring(backlash=1e-4, inner_stiffness=0.3 * gear.k)
+    result = identify([response], worn, fit)
+    start = on_straight_springs(worn, [response], result, EXACT, fit, Execution())
+    found = open_gears([measured], [response], *start, spec, GearsSpec(), planned=LINES)
+    numbers = {number.name: number for number in found.numbers if number.is_seen}
+    assert numbers["k_1"].value == pytest.approx(gear.k, rel=1e-3)
+    assert numbers["lost_1"].value == pytest.approx(2 * 0.7 * 1e-4, rel=0.03)
+
+
+def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
+    """Its number would act twice; a robot of straight springs goes through as it is."""
+    hard, fit = with_spring(cubic=1e9), FitSpec()
+    free = ParameterSet((Parameter("k_1", 2e5, log=True), Parameter("k3_1", 1e9)))
+    none = np.zeros(2, bool)
+    result = FitResult(free, free.x, np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
+    with pytest.raises(StudyError, match="leave out k3_1, or the section gears"):
+        on_straight_springs(hard, [], result, EXACT, fit, Execution())
+    straight = robot(Gear())
+    assert on_straight_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
+
+
+def with_spring(**terms: float) -> Robot:
+    return with_joints(robot(Gear()), lambda joint: replace(joint, spring=replace(joint.spring, **terms)))

@@ -1,19 +1,26 @@
 """Static load tests against responses: faults of the tests are found and named, true ones are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants.data_sheet_arm import arm, measure
 from plants.loaded_arm import NAMED, load_tests
+from plants.two_mass_gear import LINES, POSTURE, Gear, records, robot
 
+from elastid.base.errors import FitError
 from elastid.fit.identify import identify
+from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
 
 SPEC = FitSpec(parameters={"k_*": ParameterSpec()}, starts=1)
 
 
-def fitted(changed=lambda y, force: y, robot=None):
-    tests = load_tests(robot or arm(), np.random.default_rng(5), changed=changed)
+def fitted(changed=lambda y, force: y, loaded=None):
+    tests = load_tests(loaded or arm(), np.random.default_rng(5), changed=changed)
     return identify(measure(arm(), np.random.default_rng(6)), arm(), SPEC, loads=placed_tests(tests, NAMED))
 
 
@@ -41,6 +48,28 @@ def test_a_fault_is_a_misfit_with_its_cause(case):
     assert "static load tests contradict the responses" in result.message
     assert words in result.static.cause, result.static.cause
     assert [note for note in result.notes if note.code == "static-stiffness"]
+
+
+@pytest.mark.slow
+def test_readings_that_no_robot_can_have_are_told_from_the_responses():
+    """mm for m pull the springs so soft that the robot tips over; the responses alone can be fitted."""
+    with pytest.raises(FitError, match="responses alone can be fitted: check units, signs and directions"):
+        fitted(lambda y, force: 1e3 * y)
+
+
+@pytest.mark.slow
+def test_a_reading_in_a_wrong_unit_does_not_take_the_responses_with_it():
+    """mm for m pulls both into a valley in which the responses alone would stay: they are searched from their start."""
+    gear = Gear()
+    link = replace(robot(gear).bodies[0], center_of_mass=(1.0, 0.0, 0.0), mass=1e-9)
+    axis, spec = replace(robot(gear), bodies=(link,)), EstimatorSpec(friction="none", transient_periods=0)
+    responses = [estimate(records(gear, seed=1, experiments=4), spec, LINES)]
+    fit = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=3)
+    test = LoadTest(configuration="rest", force=(0.0, 200.0, 0.0), along="y", deflection=1e3 * 200 / gear.k, std=5e-6)
+    result = identify(responses, axis, fit, loads=placed_tests([test], {"rest": POSTURE}))
+    assert result.status == "misfit", result.message
+    assert "static load tests contradict the responses" in result.message
+    assert result.values["k_1"] == pytest.approx(gear.k, rel=1e-3)
 
 
 def test_the_ratio_and_wider_intervals():
