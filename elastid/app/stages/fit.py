@@ -112,7 +112,7 @@ def conclude(run: Run) -> None:
         run.console.say(f"gears: {gear_line(opened)}")
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
-    explained = opened is not None and opened.explains_misfit
+    explained = linear.status == "misfit" and result.status == "converged"
     for line in _WITH_GEARS if explained else _answers(run, result, rows):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
