@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import suppress
 from typing import Any
 
-MEMORY_BYTES = 4 << 30
+from elastid.recorded.files.reader_process import limit_memory
 
 
 def compiled(path: str) -> dict[str, Any]:
@@ -76,10 +75,7 @@ def compiled(path: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    with suppress(ImportError, ValueError, OSError):  # no such limits on this system
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    limit_memory()
     try:
         json.dump({"model": compiled(sys.argv[1])}, sys.stdout)
     except ImportError:

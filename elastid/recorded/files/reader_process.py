@@ -129,7 +129,7 @@ def _end(reader: subprocess.Popen[bytes]) -> int:
 def serve() -> None:
     """In the process that reads: answer requests until the program ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends this process
-    limit = _limit_memory()
+    limit = limit_memory()
     warnings.simplefilter("ignore")
     # Words that libraries print are not to fall between the replies.
     replies = os.fdopen(os.dup(1), "wb")
@@ -161,7 +161,8 @@ def serve() -> None:
         replies.flush()
 
 
-def _limit_memory() -> int:
+def limit_memory() -> int:
+    """Limit the memory of this process; the limit in bytes, 0 where the system has none."""
     if not hasattr(os, "sysconf"):
         return 0
     import resource

@@ -71,11 +71,6 @@ class TunedMove:
         """As the drives take them."""
         return References(self.time_s, self.position, self.velocity, self.acceleration, self.jerk, self.torque)
 
-    @property
-    def motion_limits(self) -> MotionLimits:
-        """As a value."""
-        return MotionLimits(self.angles.T, *self.limits)
-
     def __getitem__(self, name: str) -> Outcome:
         """An outcome by its name."""
         return {each.name: each for each in self.outcomes}[name]
