@@ -119,7 +119,8 @@ def really(robots: int, dates: tuple[str, ...], jobs: int, folder: Path) -> tupl
     (folder / "fleet.yml").write_text("name: line\nstudy: study.yml\ntable: members.csv\n")
     began = time.perf_counter()
     page = run_fleet(load_fleet(folder / "fleet.yml"), folder / "run", jobs, Console(-2))
-    verdict = page.read_text(encoding="utf-8").partition('class="verdict">')[2].partition("</p>")[0]
+    found = page.read_text(encoding="utf-8").partition("Which robots differ or drift?")[2]
+    verdict = found.partition('class="answer">')[2].partition("</p>")[0]
     return verdict, time.perf_counter() - began
 
 

@@ -146,7 +146,7 @@ def check_library(folder: Path) -> None:
     """The Python fits what the demo fits, to the last digit; the example for a run folder reads it."""
     (text,) = blocks("python")
     summary = json.loads((folder / "runs" / "demo" / "summary.json").read_text())
-    said = run(folder, sys.executable, "-c", text + "print(repr(result.values['k_1']))\n")
+    said = run(folder, sys.executable, "-c", text + "print(repr(done.result.values['k_1']))\n")
     assert float(said.splitlines()[-1]) == summary["parameters"]["k_1"]["value"]
     assert (folder / "bode.png").stat().st_size > 10_000
     said = run(folder, sys.executable, "scripts/examples/ex05_run_folder_in_a_notebook.py", "runs/demo")

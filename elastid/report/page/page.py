@@ -277,7 +277,7 @@ class FleetContent:
         advice = "Measure again at the next service."
         if self.findings:
             advice = f"Look at {self.findings[0].parameter} of {self.findings[0].robot} first, and measure it again."
-        found = f"{self._found[:1].upper()}{self._found[1:]}"
+        found = self._found if self.findings else "None beyond what is natural."
         return (
             ("Are the numbers good?", (good,)),
             ("Which robots differ or drift?", (found,)),
