@@ -297,7 +297,7 @@ def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pyte
         assert name in page
         low, high = found[name]["interval95"]
         assert low**2 / high < truth < high**2 / low, name
-    assert "Cross-validation: the fit to the others predicts" in table
+    assert "Cross-validation: the fit to the others predicts" in page
     assert cli.run_command(["compare", str(path), "--run", str(run), "-q"]) == 0
     ranking = json.loads((run / "compare.json").read_text())
     assert [row["name"] for row in ranking["models"]] == ["two robots", "one stiffness"]
