@@ -220,7 +220,8 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     shrinkage, dof = _expected(np.split(of_errors, ends), np.split(explained, ends), terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
     widening = _widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
-    wider = widening * np.sqrt(_student(dof)) / size
+    # Of hardly any degree of freedom it is without bound, and its square would overflow.
+    wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     # Degrees of freedom that the numbers take from the independent residuals.
