@@ -12,7 +12,7 @@ line is one JSON object.
 
 Multisine of 6 periods, 100 draws: sigma_0 0.41 %, sigma_1 2.2 % rms, coverage 96 and 94 +- 3 % (its bias is 0.3 to
 0.7 %).  Noise of 30 s: 0.25 and 1.3 % rms, coverage 96 and 90 +- 3 %, of 120 draws each with --seed 11 and 12 97 and
-95, 98 and 95 %. Coverage must be 95 %, three standard deviations of chance allowed.
+96, 98 and 95 %. Coverage must be 95 %, three standard deviations of chance allowed.
 Loops: 0.15 and 1.1 % rms.  Warm-up, 30 rigs: temperature within 0.13 %, level within 0.30 %, no note and no
 refusal.  Cost: 2 CPU seconds.
 """
