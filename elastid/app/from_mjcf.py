@@ -104,7 +104,7 @@ def _joint(joint: Mapping[str, Any], actuated: bool) -> Joint:
 
 
 def _left_out(model: Mapping[str, Any]) -> list[str]:
-    """What counts in MuJoCo and is not taken over, in words."""
+    """Parts that count in MuJoCo and are not taken over, in words."""
     lines = [f"{count} {what}{'s' if count > 1 else ''}" for what, count in model["left_out"].items()]
     lines += [f"dry friction of joint {joint['name']}" for joint in model["joints"] if joint["friction"]]
     lines += [

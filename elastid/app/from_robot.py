@@ -113,7 +113,7 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
 
 
 def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
-    """What each motor accelerates with all others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
+    """Inertia that each motor accelerates, others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
     model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
     return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
 

@@ -15,7 +15,7 @@ from elastid.recorded.files.reader_process import limit_memory
 
 
 def compiled(path: str) -> dict[str, Any]:
-    """What a robot takes from the compiled model; everything in MuJoCo's units, angles in rad."""
+    """The numbers that a robot takes from the compiled model; everything in MuJoCo's units, angles in rad."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(path)

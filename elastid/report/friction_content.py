@@ -109,7 +109,7 @@ class FrictionContent:
 
     @property
     def _next(self) -> tuple[str, ...]:
-        """What would give the parts that are missing, else what the law is good for."""
+        """Measurements that would give the missing parts, else the use of the law."""
         if self.result.status == "failed":
             return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
         missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}

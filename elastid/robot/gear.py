@@ -1,4 +1,4 @@
-"""What the gear of a joint does besides being a spring with friction before and behind it: numbers of the link side."""
+"""Effects of a joint's gear besides its spring and the friction before and behind it: numbers of the link side."""
 
 from __future__ import annotations
 

@@ -603,4 +603,4 @@ def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:
 def test_a_map_that_is_interrupted_does_not_promise_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
     """It writes at its end alone."""
     assert cli.interrupted(["map", "study.yml"]) == 130
-    assert capsys.readouterr().err == "interrupted: nothing of it is kept; `elastid map study.yml` begins anew\n"
+    assert capsys.readouterr().err == "interrupted: nothing of it is kept; `elastid map study.yml` starts again\n"
