@@ -6,29 +6,27 @@ believed as it stands; 130 interrupted.
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from errno import EDQUOT, EFBIG, ENOSPC
-from functools import reduce
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from elastid import __version__
+from elastid.app.options import options_of, run_of, stage_options, study_argument
 from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
+from elastid.app.use_commands import map_command, shape, tune
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
 if TYPE_CHECKING:
-    from elastid.app.run import Run
-
-Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
+    pass
 
 
 def main() -> None:
@@ -51,50 +49,6 @@ def run_command(arguments: Sequence[str]) -> int:
     return 0
 
 
-class _Finite(click.FloatRange):
-    """A finite number in a range, which nan is in of itself."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The number; click's error for nan and inf."""
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return number
-
-
-_POSITIVE = _Finite(min=0, min_open=True)
-
-_OPTIONS: dict[str, Decorator] = {
-    "run": click.option(
-        *("--run", "folder"), type=click.Path(path_type=Path), metavar="DIR",
-        help="Where the results go (default: runs/<name of the study>).",
-    ),
-    "set": click.option(
-        *("--set", "overrides"), multiple=True, metavar="KEY.PATH=VALUE",
-        help="Overrides a key of the study, for example fit.starts=5.",
-    ),
-    "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
-    "with": click.option(
-        *("--with", "source"), type=click.Path(path_type=Path), required=True, metavar="RUN",
-        help="Run folder of a study that has identified friction or elasticity, or its friction.h5 or fit.h5.",
-    ),
-    "log": click.option(
-        *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-        help="A log that takes the place of those of the study, with the same channels; give it again for more.",
-    ),
-    "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
-    "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
-    "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
-    "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
-}  # fmt: skip
-
-
-def _options(*names: str) -> Decorator:
-    """The options of the given names, each the same in every command that takes it."""
-
-    return lambda command: reduce(lambda decorated, name: _OPTIONS[name](decorated), reversed(names), command)
-
-
 _PDF = "report.formats=[png, pdf]"
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
@@ -112,8 +66,6 @@ _TARGETS = [
     "observer",
     "compensation",
 ]
-_study = click.argument("study", type=click.Path(path_type=Path))
-_stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
 class InOrderOfWork(click.Group):
@@ -137,27 +89,14 @@ def cli() -> None:
     one_blas_thread()  # before any command loads NumPy: several threads add in an order of their own
 
 
-def _run(study: Path, options: dict[str, Any]) -> Run:
-    from elastid.app.console import Console
-    from elastid.app.run import Run, all_cores
-    from elastid.base.execution import on_dask
-    from elastid.study import load
-
-    click.get_current_context().with_resource(on_dask(options.get("dask", "")))
-    loaded = load(study, options.get("overrides", ()))
-    folder = options["folder"] or Path("runs") / loaded.study.name
-    console = Console(options["verbose"] - options["quiet"])
-    return Run(loaded, folder, options["jobs"] or all_cores(), console)
-
-
 @cli.command()
-@_options("run", "jobs", "verbose", "quiet")
+@options_of("run", "jobs", "verbose", "quiet")
 def demo(**options: Any) -> None:
     """Identify a simulated three-axis arm, from excitation to report."""
     from elastid.app import scaffold
 
     folder = options["folder"] or Path("runs") / "demo"
-    run = _run(scaffold.demo(folder), {**options, "folder": folder})
+    run = run_of(scaffold.demo(folder), {**options, "folder": folder})
     from elastid.app.run import run_all
 
     run_all(run)
@@ -183,8 +122,8 @@ def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, .
 
 
 @cli.command()
-@_study
-@_options("set")
+@study_argument
+@options_of("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
     """Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."""
     from elastid.app.overview import overview
@@ -200,26 +139,26 @@ def add_stage_commands(group: click.Group) -> None:
 
 
 def _stage_command(name: str, text: str) -> click.Command:
-    @_study
-    @_stage_options
+    @study_argument
+    @stage_options
     def work(study: Path, pdf: bool = False, **options: Any) -> None:
-        asked = _run(study, options | {"overrides": (*options["overrides"], *([_PDF] if pdf else []))})
+        asked = run_of(study, options | {"overrides": (*options["overrides"], *([_PDF] if pdf else []))})
         from elastid.app.run import run_stage
 
         run_stage(asked, name)
 
-    return click.command(name, help=text)(_options(*["pdf"] * (name == "report"))(work))
+    return click.command(name, help=text)(options_of(*["pdf"] * (name == "report"))(work))
 
 
 add_stage_commands(cli)
 
 
 @cli.command()
-@_study
-@_stage_options
+@study_argument
+@stage_options
 def run(study: Path, **options: Any) -> None:
     """Run all stages in order, except those whose inputs have not changed."""
-    asked = _run(study, options)
+    asked = run_of(study, options)
     from elastid.app.run import run_all
 
     run_all(asked)
@@ -228,7 +167,7 @@ def run(study: Path, **options: Any) -> None:
 @cli.command()
 @click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
 @click.option("--search", is_flag=True, help="Search for the elastic gears, joints and rods.")
-@_stage_options
+@stage_options
 def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
     """Rank models by their prediction error on left-out configurations of the first study: compare.json.
 
@@ -239,7 +178,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
     """
     if search and len(studies) > 1:
         raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")
-    asked = _run(studies[0], options)
+    asked = run_of(studies[0], options)
     from elastid.app import compare as comparing
     from elastid.study import load
 
@@ -250,9 +189,9 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 
 @cli.command()
-@_study
-@_options("with", "log")
-@_stage_options
+@study_argument
+@options_of("with", "log")
+@stage_options
 def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -> None:
     """Judge the numbers that another study has identified on logs: prediction.json and prediction.png.
 
@@ -261,123 +200,18 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     """
     from elastid.app import predict as predicting
 
-    predicting.predict(_run(study, predicting.on_logs(study, logs, options)), source)
+    predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
 
 
-@cli.command(name="map")
-@_study
-@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
-@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
-@click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
-    help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
-@click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
-    help="Random postures (1000 if nothing is given).")  # fmt: skip
-@click.option(
-    "--load",
-    type=float,
-    nargs=3,
-    default=(0.0, 0.0, -100.0),
-    show_default=True,
-    metavar="X Y Z",
-    help="Force at the frame in N, axes of the base.",
-)
-@click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
-@click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
-@click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
-@click.option("--band", "band_hz", type=float, nargs=2, metavar="LOW HIGH", help="Lines in Hz (default: the modes).")
-@_stage_options
-def map_command(
-    study: Path, frame: str | None, path: Path | None, grid: int | None, random: int | None,
-    load: tuple[float, float, float], cutting: float, normal: tuple[float, float, float] | None,
-    force: tuple[float, float, float] | None, band_hz: tuple[float, float] | None, **options: Any,
-) -> None:  # fmt: skip
-    """Map the fitted robot over its workspace: map.html, map.csv and map.h5.
-
-    At every posture of a path, a grid or at random, with the motors held and with intervals: static compliance and its
-    softest direction, natural frequencies, largest dynamic compliance, limiting depth of cut without chatter,
-    deflection under a load, and the spring that limits it. A path is a CSV file with a column for each driven joint
-    (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
-    """
-    asked = _run(study, options)
-    from elastid.app import map as mapping
-    from elastid.use.compliance import Cut
-
-    if band_hz and not 0 < band_hz[0] < band_hz[1]:
-        raise click.UsageError(f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies above 0 Hz")
-    try:
-        cut = Cut(load, cutting, normal or None, force or None)
-    except ValueError as error:
-        raise click.UsageError(str(error)) from None
-    mapping.map_study(asked, frame, mapping.Postures(path, grid, random), cut, band_hz or None)
+for command in (map_command, tune, shape):
+    cli.add_command(command)
 
 
 @cli.command()
-@_study
-@click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
-    help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
-@click.option("--time", "duration", type=_POSITIVE, metavar="S", help="Duration in s.")
-@click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
-@click.option("--error", "error_mm", type=_POSITIVE, default=1.0, show_default=True,
-    metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
-@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
-@click.option("--rate", "rate_hz", type=_POSITIVE, metavar="HZ",
-    help="Of the references (default: that of the study, else 500).")  # fmt: skip
-@click.option("--bandwidth", "bandwidth_hz", type=_POSITIVE, default=4.0,
-    show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
-    help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
-@_stage_options
-def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
-    rate_hz: float | None, bandwidth_hz: float, draws: int, **options: Any) -> None:  # fmt: skip
-    """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
-
-    Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
-    friction, within the limits of the robot's joints, on robots drawn from the fit, too. A path is a CSV file with a
-    column for each driven joint (rad, or `1 deg`) or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
-    s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
-    takes; with t these stretch it.
-    """
-    if duration is not None and fastest:
-        raise click.UsageError("--time and --fastest exclude one another; give one of them")
-    asked = _run(study, options)
-    from elastid.app import tune as tuning
-
-    tuning.tune_study(
-        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
-    )
-
-
-@cli.command()
-@_study
-@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
-@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (20 if nothing is given).")
-@click.option("--payload", "payloads", type=_Finite(min=0), multiple=True, metavar="KG",
-    help="At the frame, again for more; 0 for none, too.")  # fmt: skip
-@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
-@click.option("--bandwidth", "bandwidth_hz", type=_POSITIVE, default=4.0,
-    show_default=True, metavar="HZ", help="Of the drives' position loops, which move the modes.")  # fmt: skip
-@click.option("--held", is_flag=True, help="Modes of a robot whose motors are held, as by very stiff drives.")
-@_stage_options
-def shape(study: Path, path: Path | None, random: int | None, payloads: tuple[float, ...], frame: str | None,
-    bandwidth_hz: float, held: bool, **options: Any) -> None:  # fmt: skip
-    """Rank input shapers for the modes of a region: shapers.csv, shapers.h5, shapers.png.
-
-    ZV, ZVD, EI and the shortest robust one, with their residual vibration over the modes of all postures and payloads
-    and the intervals of their frequencies, delay, and the error of the frequencies that they bear.
-    """
-    asked = _run(study, options)
-    from elastid.app import tune as tuning
-
-    if path is not None and random is not None:
-        raise click.UsageError("--path and --random exclude one another; give one of them")
-    tuning.shape_study(asked, tuning.Region(path, random, payloads, frame, None if held else bandwidth_hz))
-
-
-@cli.command()
-@_study
+@study_argument
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
-@_stage_options
+@stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
@@ -387,7 +221,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     study of elasticity. A study without a robot exports its measured responses to control, matlab, csv or uff; uff
     takes the responses of any study.
     """
-    asked = _run(study, options)
+    asked = run_of(study, options)
     from elastid.app.export import export as export_model
 
     export_model(asked, target, count)
@@ -395,7 +229,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
 
 @cli.command()
 @click.argument("fleet", type=click.Path(path_type=Path))
-@_options("run", "jobs", "dask", "verbose", "quiet")
+@options_of("run", "jobs", "dask", "verbose", "quiet")
 def fleet(fleet: Path, **options: Any) -> None:
     """Run one study over many robots and dates, and report which parameters differ and which drift.
 

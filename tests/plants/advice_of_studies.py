@@ -219,7 +219,8 @@ def options(desk: Desk) -> None:
 
 
 @case("app/map.py", "--grid and --random exclude one another")
-@case("app/cli.py", "--normal", "--to draws.")
+@case("app/use_commands.py", "--normal")
+@case("app/cli.py", "--to draws.")
 @case("fit/result.py", "elastid fit STUDY")
 def options_of_maps_draws_and_fits(desk: Desk) -> None:
     """One of them is taken where all three are refused; the others are those of their commands."""

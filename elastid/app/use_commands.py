@@ -1,0 +1,119 @@
+"""Commands that put an identified robot to work: map, tune, shape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from elastid.app.options import POSITIVE, Finite, run_of, stage_options, study_argument
+
+
+@click.command(name="map")
+@study_argument
+@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
+@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
+@click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
+    help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
+@click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
+    help="Random postures (1000 if nothing is given).")  # fmt: skip
+@click.option(
+    "--load",
+    type=float,
+    nargs=3,
+    default=(0.0, 0.0, -100.0),
+    show_default=True,
+    metavar="X Y Z",
+    help="Force at the frame in N, axes of the base.",
+)
+@click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
+@click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
+@click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
+@click.option("--band", "band_hz", type=float, nargs=2, metavar="LOW HIGH", help="Lines in Hz (default: the modes).")
+@stage_options
+def map_command(
+    study: Path, frame: str | None, path: Path | None, grid: int | None, random: int | None,
+    load: tuple[float, float, float], cutting: float, normal: tuple[float, float, float] | None,
+    force: tuple[float, float, float] | None, band_hz: tuple[float, float] | None, **options: Any,
+) -> None:  # fmt: skip
+    """Map the fitted robot over its workspace: map.html, map.csv and map.h5.
+
+    At every posture of a path, a grid or at random, with the motors held and with intervals: static compliance and its
+    softest direction, natural frequencies, largest dynamic compliance, limiting depth of cut without chatter,
+    deflection under a load, and the spring that limits it. A path is a CSV file with a column for each driven joint
+    (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
+    """
+    asked = run_of(study, options)
+    from elastid.app import map as mapping
+    from elastid.use.compliance import Cut
+
+    if band_hz and not 0 < band_hz[0] < band_hz[1]:
+        raise click.UsageError(f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies above 0 Hz")
+    try:
+        cut = Cut(load, cutting, normal or None, force or None)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    mapping.map_study(asked, frame, mapping.Postures(path, grid, random), cut, band_hz or None)
+
+
+@click.command()
+@study_argument
+@click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
+    help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
+@click.option("--time", "duration", type=POSITIVE, metavar="S", help="Duration in s.")
+@click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
+@click.option("--error", "error_mm", type=POSITIVE, default=1.0, show_default=True,
+    metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
+@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ",
+    help="Of the references (default: that of the study, else 500).")  # fmt: skip
+@click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
+    show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
+    help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
+@stage_options
+def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, draws: int, **options: Any) -> None:  # fmt: skip
+    """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
+
+    Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
+    friction, within the limits of the robot's joints, on robots drawn from the fit, too. A path is a CSV file with a
+    column for each driven joint (rad, or `1 deg`) or with poses x, y, z in m and rx, ry, rz in rad, and a column t in
+    s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
+    takes; with t these stretch it.
+    """
+    if duration is not None and fastest:
+        raise click.UsageError("--time and --fastest exclude one another; give one of them")
+    asked = run_of(study, options)
+    from elastid.app import tune as tuning
+
+    tuning.tune_study(
+        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
+    )
+
+
+@click.command()
+@study_argument
+@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
+@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (20 if nothing is given).")
+@click.option("--payload", "payloads", type=Finite(min=0), multiple=True, metavar="KG",
+    help="At the frame, again for more; 0 for none, too.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
+@click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
+    show_default=True, metavar="HZ", help="Of the drives' position loops, which move the modes.")  # fmt: skip
+@click.option("--held", is_flag=True, help="Modes of a robot whose motors are held, as by very stiff drives.")
+@stage_options
+def shape(study: Path, path: Path | None, random: int | None, payloads: tuple[float, ...], frame: str | None,
+    bandwidth_hz: float, held: bool, **options: Any) -> None:  # fmt: skip
+    """Rank input shapers for the modes of a region: shapers.csv, shapers.h5, shapers.png.
+
+    ZV, ZVD, EI and the shortest robust one, with their residual vibration over the modes of all postures and payloads
+    and the intervals of their frequencies, delay, and the error of the frequencies that they bear.
+    """
+    asked = run_of(study, options)
+    from elastid.app import tune as tuning
+
+    if path is not None and random is not None:
+        raise click.UsageError("--path and --random exclude one another; give one of them")
+    tuning.shape_study(asked, tuning.Region(path, random, payloads, frame, None if held else bandwidth_hz))
