@@ -12,21 +12,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from elastid.base.display import number, percent
+from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
-from elastid.report.content import ParameterRow, ReportContent
+from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
 
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+
 # Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
 WIDTH_CLASSES = (0.02, 0.1, 0.5)
-WIDTH_WORDS = ("to 2 %", "to 10 %", "to 50 %", "wider")
+WIDTH_WORDS = ("±2 % or less", "±2 to 10 %", "±10 to 50 %", "wider")
 
 
 @dataclass(frozen=True)
@@ -46,11 +51,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Strip:
-    """A row of cells for each configuration; measure: the quantity of the cells; worst: the cell of the largest."""
+    """A row of cells for each configuration; measure: the quantity of the cells; worst: the cell of the largest.
+
+    kind: the first word that all inputs and outputs share, e.g. motor; outputs, inputs: what follows it, of the titles
+    over the cells; none where configurations have other ones.
+    """
 
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
     measure: str
     worst: Cell | None
+    kind: str = ""
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
 
 
 def half_width(row: ParameterRow) -> float:
@@ -160,7 +172,20 @@ def strip(agreements: Sequence[Agreement]) -> Strip:
         rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
-    return Strip(tuple(rows), "residual / noise" if known else "error, dB", worst)
+    return Strip(tuple(rows), "residual / noise" if known else "error, dB", worst, *_titles(agreements))
+
+
+def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """`kind`, `outputs` and `inputs` of a `Strip`."""
+    sides = {(tuple(agreement.outputs), tuple(agreement.inputs)) for agreement in agreements}
+    if len(sides) != 1:
+        return "", (), ()
+    ((outputs, inputs),) = sides
+    kinds = {name.partition(" ")[0] for name in (*outputs, *inputs) if " " in name}
+    if len(kinds) != 1 or not all(" " in name for name in (*outputs, *inputs)):
+        return "", outputs, inputs
+    last = [tuple(name.partition(" ")[2] for name in names) for names in (outputs, inputs)]
+    return kinds.pop(), last[0], last[1]
 
 
 def excess_sentence(result: FitResult) -> str:
@@ -307,3 +332,43 @@ def _realisations(plan: Plan | None, name: str) -> str:
     names = [configuration.name for configuration in plan.configurations]
     count = dict(zip(names, plan.realisations, strict=True)).get(name)
     return "" if count is None else f" ({2 * count} realisations instead of {count})"
+
+
+Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
+# Configurations whose modes the first screen names.
+MODES_SHOWN = 3
+
+
+def questions_of_responses(content: ResponsesContent) -> Questions:
+    """The three questions of the page of responses without a robot, each with its sentences."""
+    warnings = sum(note.first.severity == "warning" for note in content.notes)
+    stated = [float(np.nanmedian(own.stated)) for own in content.modes if np.isfinite(own.stated).any()]
+    good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
+    good += [f"{warnings} warning{'s' if warnings > 1 else ''} below."] if warnings else []
+    found = [own for own in content.modes if own.n_modes]
+    modes = [_of_modes(own) for own in found[:MODES_SHOWN]]
+    modes += [f"{len(found) - MODES_SHOWN} further configurations: below."] if len(found) > MODES_SHOWN else []
+    return (
+        ("Are the responses good?", tuple(good)),
+        ("Which modes are there?", tuple(modes) or ("None that stands out of the noise.",)),
+        ("What next?", (_of_damping(found),)),
+    )
+
+
+def _of_modes(own: Modes) -> str:
+    low, high = (number(float(own.freq_hz[i]), 4) for i in (0, -1))
+    count = f"{own.n_modes} modes from {low} to" if own.n_modes > 1 else "one mode at"
+    return f"{own.configuration}: {count} {high} {own.frequency_unit}."
+
+
+def _of_damping(found: Sequence[Modes]) -> str:
+    """What narrows the damping that is known least, as a share of itself."""
+    if not found:
+        return "Measure longer or hit more often: four times as much halves the noise."
+    widths = [QUANTILE_95 * own.zeta_std / own.zeta for own in found]
+    own, width = max(zip(found, widths, strict=True), key=lambda each: float(each[1].max()))
+    least = int(width.argmax())
+    return (
+        f"The damping at {number(float(own.freq_hz[least]), 4)} {own.frequency_unit} is known least, to "
+        f"±{percent(float(width[least]))}; four times the record or the hits halve that."
+    )

@@ -8,21 +8,25 @@ import numpy as np
 import pytest
 from plants.report_values import TRUTH, fit_result, report_content
 
-from elastid.base.display import percent
+from elastid.base.display import number, percent
+from elastid.covariance import Covariance
+from elastid.experiment.simulated.structure import true_response
 from elastid.fit.result import ModificationIndex
+from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
-from elastid.report.content import model_lines, parameter_rows
+from elastid.report.content import ResponsesContent, model_lines, parameter_rows
 from elastid.report.overview import (
     ADVICE,
     half_width,
     next_steps,
     numbers_answer,
+    questions_of_responses,
     residual_sentence,
     strip,
     verdict_sentence,
     widest,
 )
-from elastid.response import BENT
+from elastid.response import BENT, Configuration, FrequencyResponse
 
 
 def rows_of(result):
@@ -56,6 +60,38 @@ def test_the_strip_points_at_the_largest_residual_over_noise():
     q, e = np.unravel_index(int(values.argmax()), values.shape)
     assert (found.worst.configuration, found.worst.element) == (q, e)
     assert found.worst.value == values.max()
+
+
+def test_the_strip_has_titles_where_all_configurations_have_the_same_elements():
+    first, *others = report_content().validation.configurations
+    assert first.inputs == ("motor 1", "motor 2")
+    assert first.outputs == ("place 1", "place 2")
+    mixed = strip([first])
+    assert (mixed.kind, mixed.outputs, mixed.inputs) == ("", ("place 1", "place 2"), ("motor 1", "motor 2"))
+    motors = strip([replace(each, outputs=each.inputs) for each in (first, *others)])
+    assert (motors.kind, motors.outputs, motors.inputs) == ("motor", ("1", "2"), ("1", "2"))
+    assert strip([first, replace(first, inputs=("motor 2", "motor 1"))]).outputs == ()
+
+
+def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
+    freq_hz = np.arange(40, 200) / 4
+    G = true_response(freq_hz)
+    std = np.full(G.shape, 0.02 * np.abs(G).max())
+    noise = np.random.default_rng(0).standard_normal((2, *G.shape)) / np.sqrt(2)
+    names = ("shaker table", "shaker tip"), ("table", "column", "tip")
+    at = Configuration("bench", np.zeros(0))
+    noisy = G + std * (noise[0] + 1j * noise[1])
+    response = FrequencyResponse(freq_hz, noisy, *names, "acceleration", at, noise=Covariance(std**2, np.inf))
+    modes = estimate_modes(response)
+    content = ResponsesContent("a bench", (response,), (modes,), "", {})
+    (_, (good,)), (_, (found,)), (_, (following,)) = questions_of_responses(content)
+    assert good == f"Noise is {percent(float(np.median(modes.stated)))} of the response at a line."
+    assert modes.n_modes == 3
+    assert found.startswith("bench: 3 modes from 11.1")
+    least = int(np.argmax(modes.zeta_std / modes.zeta))
+    assert f"damping at {number(float(modes.freq_hz[least]), 4)} Hz is known least" in following
+    none = ResponsesContent("a bench", (), (), "", {})
+    assert questions_of_responses(none)[1][1] == ("None that stands out of the noise.",)
 
 
 def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():

@@ -81,7 +81,7 @@ const frf = (() => {
   const labelled = (f) => ([1, 2, 5].includes(Math.round(f / 10 ** Math.floor(Math.log10(f) + 1e-9))) ? f : null);
   const name = (response, e) => `${response.inputs[e % response.inputs.length]} → ${response.outputs[Math.floor(e / response.inputs.length)]}`;
 
-  // options: place, response, quantity, e, width, height, y (range), off (labels not shown), linear, read, sync, titled, compact.
+  // options: place, response, quantity, e, width, height, y (range), off (labels not shown), linear, read, sync, titled, compact, bare (no title of the frequencies).
   const panel = (options) => {
     const { place, response, quantity, e, off = new Set(), read } = options;
     const shown = curves(response, quantity).filter((curve) => !off.has(curve.label));
@@ -110,8 +110,8 @@ const frf = (() => {
         cursor: { sync: { key: options.sync ?? "frf", scales: ["x", null] }, drag: { x: true, y: false } },
         scales: { x: { time: false, distr: options.linear ? 1 : 3, range: (_, low, high) => [low, high] }, y: { range: () => y } },
         axes: [
-          { ...axis, size: 26, ...(options.linear ? {} : { filter: (_, ticks) => ticks.map(labelled) }), ...(options.compact ? {} : { label: response.x_unit ? `${response.inputs[0]}, ${x_unit}` : `frequency, ${x_unit}` }) },
-          { ...axis, size: 40, ...(options.compact ? {} : { label: `${kind.title}${response.unit ? `, ${unit}` : ""}` }) },
+          { ...axis, size: 26, ...(options.linear ? {} : { filter: (_, ticks) => ticks.map(labelled) }), ...(options.compact || options.bare ? {} : { label: response.x_unit ? `${response.inputs[0]}, ${x_unit}` : `frequency, ${x_unit}` }) },
+          { ...axis, size: 40, ...(quantity === "phase" ? { splits: [-180, -90, 0, 90, 180], filter: (_, ticks) => (options.height < 160 ? ticks.map((v) => (v % 180 ? null : v)) : ticks) } : {}), ...(options.compact ? {} : { label: `${kind.title}${response.unit ? `, ${unit}` : ""}` }) },
         ],
         bands: edges.every(Boolean) && !response.curves ? [{ series: edges, fill: shown[edges[0] - 1].fill }] : [],
         series: [{ label: "frequency" }, ...shown.map((curve) => ({
@@ -142,19 +142,20 @@ const frf = (() => {
     return plot;
   };
 
-  // A button for each curve that switches it.
+  // A button for each curve that switches it; without `changed` the names of what is drawn.
   const legend = (place, response, shown, off, changed) =>
     place.replaceChildren(
       ...data.quantities[shown].curves
-        .filter((curve) => has(response, curve) && !curve.unread && curve.color !== "transparent")
+        .filter((curve) => has(response, curve) && !curve.unread && curve.color !== "transparent" && (changed || !off.has(curve.label)))
         .map((curve) => {
-          const button = document.createElement("button");
+          const button = document.createElement(changed ? "button" : "span");
           const mark = document.createElement("span");
-          button.type = "button";
           mark.textContent = curve.points ? "●" : curve.dash ? "┅" : "━";
           mark.style.color = curve.color;
           mark.setAttribute("aria-hidden", "true");
           button.append(mark, ` ${curve.label}`);
+          if (!changed) return button;
+          button.type = "button";
           button.setAttribute("aria-pressed", String(!off.has(curve.label)));
           button.addEventListener("click", () => {
             off.has(curve.label) ? off.delete(curve.label) : off.add(curve.label);

@@ -6,25 +6,27 @@
     const title = plotted.querySelector(".title");
     const place = plotted.querySelector(".plot");
     const readout = plotted.querySelector("output");
-    const rows = [...document.querySelectorAll(".strip div")].map((row) => [...row.children]);
+    const rows = [...document.querySelectorAll(".strip div:not(.side)")].map((row) => [...row.children]);
     const cells = rows.flat();
     cells.forEach((cell) => (cell.title = cell.getAttribute("aria-label")));
     const off = new Set(["std of the model", "std of noise"]);
-    let plot = null;
+    let plots = [];
     let shown = cells.find((cell) => "worst" in cell.dataset) ?? null;
     const draw = () => {
       const q = Math.max(0, rows.findIndex((row) => row.includes(shown)));
       const e = shown ? rows[q].indexOf(shown) : 0;
       cells.forEach((cell) => cell.setAttribute("aria-pressed", String(cell === shown)));
       const response = frf.data.responses[q];
-      plot?.destroy();
+      plots.forEach((plot) => plot.destroy());
       title.textContent = `${response.name ?? response.title}: ${frf.name(response, e)}`;
-      const inner = place.cloneNode(false);
-      place.replaceChildren(inner);
-      inner.className = "";
-      const quantity = frf.quantities(response)[0];
-      plot = frf.panel({ place: inner, response, quantity, e, width: Math.max(220, place.clientWidth), height: 240, sync: "first", titled: false, off, read: (text) => (readout.textContent = text) });
-      frf.legend(plotted.querySelector(".key"), response, quantity, off, draw);
+      place.replaceChildren();
+      const width = Math.max(220, place.clientWidth);
+      const read = (text) => (readout.textContent = text);
+      const drawn = frf.curves(response, "magnitude").filter((curve) => !off.has(curve.label));
+      const y = frf.range(response, "magnitude", drawn.map((curve) => frf.values(response, curve.key, e)));
+      const panel = (quantity, height, more) => frf.panel({ place: place.appendChild(document.createElement("div")), response, quantity, e, width, height, sync: "first", titled: false, off, read, ...more });
+      plots = [panel("magnitude", 190, { y, bare: true }), panel("phase", 120)];
+      frf.legend(plotted.querySelector(".key"), response, "magnitude", off);
     };
     cells.forEach((cell) =>
       cell.addEventListener("click", () => {

@@ -22,6 +22,7 @@ from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_whole
 from elastid.base.note import grouped
 from elastid.nonlinear.result import friction_rows
+from elastid.report import overview
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
@@ -191,7 +192,12 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
     viewer = mode_viewer(content.mode_rows, content.rate_is_known)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
-    names = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
+    questions = overview.questions_of_responses(content)
+    names = {
+        "questions": questions,
+        "frequency_unit": style.frequency_unit(content.rate_is_known),
+        "mode_viewer": viewer,
+    }
     return render("responses.html.j2", content, figures, responses, scripts, **names)
 
 

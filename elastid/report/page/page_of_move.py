@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.base.display import number
+from elastid.base.display import number, percent
 from elastid.base.files import write_whole
 from elastid.report.figures.move import move_figure
 from elastid.report.figures.style import own_style
+from elastid.report.overview import Questions
 from elastid.report.page.page import render, rendered
 from elastid.use.command.limits import KINDS
 from elastid.use.command.tune import TunedMove
@@ -35,6 +36,22 @@ class MoveContent:
         return (
             f"{self.move.duration:.4g} s: {self.move.frame} stays within {number(1e3 * own.largest, 3)} mm of its path "
             f"on the {self.move.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm."
+        )
+
+    @property
+    def questions(self) -> Questions:
+        """The three questions of the page, each with its sentences."""
+        move = self.move
+        largest = np.array([np.abs(getattr(move, kind)).max(axis=0) for kind in KINDS])
+        used = largest / move.limits
+        kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
+        most = f"the {list(KINDS)[kind]} of motor {move.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
+        kept = f"Yes: of all limits {most}." if used.any() else "No limit is given."
+        advice = f"{move.advice}." if move.advice else "Give the drives tune.csv, or a file of the folder tune."
+        return (
+            ("How exactly does the tool follow?", (self.verdict,)),
+            ("Do the motors keep their limits?", (kept,)),
+            ("What next?", (advice[0].upper() + advice[1:],)),
         )
 
     @property

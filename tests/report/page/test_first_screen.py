@@ -20,7 +20,7 @@ def test_the_three_questions_stand_above_the_fold(opened):
 
 
 def test_a_cell_of_the_strip_changes_the_plot(opened):
-    cell = opened.locator(".strip div").nth(1).locator("button").nth(2)
+    cell = opened.locator(".strip div").nth(3).locator("button").nth(2)
     cell.click()
     assert cell.get_attribute("aria-pressed") == "true"
     assert opened.locator(".strip button[aria-pressed=true]").count() == 1

@@ -63,9 +63,11 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
 
 
 def test_numbers_are_marked_with_what_they_contain() -> None:
-    """On the page and on paper, beside what else is to be said of them."""
+    """On the page below the table, and on paper."""
     content = report_content(contents={"d_1": "viscous friction alone"}, friction=taken_friction())
-    assert "viscous friction alone; at its bound</td>" in html(content, [])
+    page = html(content, [])
+    assert "at its bound</td>" in page
+    assert '<p class="note">d_1: viscous friction alone.</p>' in page
     paper = "\n".join(figure.texts[0].get_text() for figure in front_pages(content))
     assert "viscous friction alone" in paper
     assert "4.06 … 4.94" in paper

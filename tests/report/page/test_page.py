@@ -240,8 +240,8 @@ def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
     text = html(report_content(result=result), [])
     assert "by profile" in text
     assert "291000 … 317000" in text
-    assert '<td class="text">c2 70 %, 12.0 … 25.0 Hz</td>' in text
-    assert '<td class="text">c1 90 %, 12.0 … 25.0 Hz</td>' in text
+    assert '<td class="words">c2 70 %, 12.0 … 25.0 Hz</td>' in text
+    assert '<td class="words">c1 90 %, 12.0 … 25.0 Hz</td>' in text
     assert "by profile" not in html(report_content(), [])
 
 
