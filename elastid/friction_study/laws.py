@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import FitError
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.levels import LEVELS, Levels
@@ -309,8 +310,10 @@ def _directions_refusal(levels: Levels, speeds: int) -> str:
             f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
         )
     if levels.max_difference < MAX_ALIKE:
-        return f"{ABSENT}: the directions are alike within {levels.max_difference:.1%}, offset included"
-    bound = f"; both together are within {levels.max_difference:.0%} of friction" if levels.max_difference > 0 else ""
+        return f"{ABSENT}: the directions are alike within {percent(levels.max_difference)}, offset included"
+    bound = (
+        f"; both together are within {percent(levels.max_difference)} of friction" if levels.max_difference > 0 else ""
+    )
     return (
         "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
         f"distinguished from an offset of the torque{bound}"

@@ -96,7 +96,9 @@ const frf = (() => {
     const lines = response.at ?? response.freq.map((_, i) => i);
     const text = (at) => {
       const said = shown.map((curve, i) => [curve, all[i][at]]).filter(([curve]) => !curve.unread);
-      return `${name(response, e)}, ${response.freq[at]} ${x_unit}: ${said.map(([curve, v]) => `${curve.label} ${number(v, quantity)}`).join(", ")} ${unit}`;
+      const labels = [...new Set(said.map(([curve]) => curve.label))]; // both ends of a band have one
+      const of = (label) => said.filter(([curve]) => curve.label === label).map(([, v]) => number(v, quantity));
+      return `${name(response, e)}, ${response.freq[at]} ${x_unit}: ${labels.map((label) => `${label} ${of(label).join(" to ")}`).join(", ")} ${unit}`;
     };
     const nearest = (index) => lines.reduce((best, i) => (Math.abs(response.freq[i] - response.freq[index]) < Math.abs(response.freq[best] - response.freq[index]) ? i : best));
     const band = (low, high) => [shown.findIndex((c) => c.key === high) + 1, shown.findIndex((c) => c.key === low) + 1];
@@ -147,6 +149,7 @@ const frf = (() => {
     place.replaceChildren(
       ...data.quantities[shown].curves
         .filter((curve) => has(response, curve) && !curve.unread && curve.color !== "transparent" && (changed || !off.has(curve.label)))
+        .filter((curve, i, all) => all.findIndex((other) => other.label === curve.label) === i)
         .map((curve) => {
           const button = document.createElement(changed ? "button" : "span");
           const mark = document.createElement("span");

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
@@ -157,9 +158,16 @@ def render(
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
+    environment.filters["coded"] = _coded
     environment.filters |= {"gear_table": gear_table, "gear_line": gear_line, "seen_words": seen_words}
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
     return environment.get_template(template).render(names, asset=asset, policy=script_policy(scripts))
+
+
+def _coded(sentence: str) -> Markup:
+    """What stands between backticks as code."""
+    parts = [escape(part) for part in sentence.split("`")]
+    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
 
 
 def rendered(figure: Figure, kind: FigureFormat) -> bytes:

@@ -50,8 +50,8 @@ def _looks() -> list[Mapping[str, Any]]:
             | {"ranged": True},
             {"key": f"half{key}", "label": "± (95 %)", "color": "transparent", "points": False, "width": 0},
             {"key": f"law{key}", "label": f"law{name}", "color": color, "points": False, "width": 1.5, "ranged": True},
-            end | {"key": f"low{key}", "label": "from"},
-            end | {"key": f"high{key}", "label": "to"},
+            end | {"key": f"low{key}", "label": "95 % band"},
+            end | {"key": f"high{key}", "label": "95 % band"},
         ]
     return looks
 
