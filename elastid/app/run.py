@@ -174,8 +174,11 @@ class Run:
                 f"{self.loaded.path}` makes it again"
             )
         if stamp.code != wanted.code:
-            made_by = stamp.software or f"elastid {stamp.version}"
-            self.console.warn(f"{path} was made by other versions ({made_by}) and is used as is")
+            other = f"other versions ({stamp.software or f'elastid {stamp.version}'})"
+            made_by = "another state of elastid's code" if stamp.software == wanted.software else other
+            self.console.warn(
+                f"{path} was made by {made_by} and is used as is; `elastid {name} {self.loaded.path}` makes it again"
+            )
 
 
 @contextmanager
