@@ -34,7 +34,7 @@ from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.periodicity import find_period, repetition
 from elastid.recorded.repair.clock import delay
-from elastid.recorded.repair.time_stamps import even_grid
+from elastid.recorded.repair.time_stamps import STAMPS, even_grid
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
 _MAX_SAMPLES = 1 << 18
@@ -156,7 +156,8 @@ def _clock(log: Log) -> Clock:
     for name in (*filter(is_time, shapes), *unnamed):
         t = np.asarray(time_of(log, name))
         if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
-            usual = 1 / float(np.median(np.diff(t)))
+            steps = np.diff(t)  # gaps left out, their mean is that of a clock that jitters or is rounded
+            usual = 1 / float(np.mean(steps[steps < STAMPS.min_gap * np.median(steps)]))
             low, high = _RATE_RANGE_HZ
             unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
             grid = even_grid(t - t[0])

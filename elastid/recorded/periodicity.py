@@ -199,8 +199,7 @@ def _from_later(rho: FloatArray, period: float) -> float:
     """The period from later repetitions, each searched for near its prediction from the earlier ones."""
     for repeats in range(2, int(len(rho) / period) + 1):
         around: IntArray = np.arange(-3, 4) + round(repeats * period)
-        around = around[(around > 0) & (around < len(rho) - 1)]
-        if around.size == 0:
+        if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known
             break
         period = _refined(rho, int(around[np.argmax(rho[around])]))[0] / repeats
     return period

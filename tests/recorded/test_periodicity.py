@@ -349,3 +349,13 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dic
     record = whole.measure(whole.experiments[0])
     assert record.n_samples == 2501
     assert estimate([record], EstimatorSpec(method="local_rational", band_hz=(0.0, 10.0))).n_lines > 20
+
+
+@pytest.mark.parametrize("periods", [2, 3, 7, 8, 9, 16])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_the_period_of_hits_does_not_depend_on_how_many_are_logged(periods: int, noise: float) -> None:
+    """A pulse every 4096 samples, to a hundredth of a sample: the last repetition may lie beyond all lags."""
+    hit = np.zeros(4096)
+    hit[200:206] = 1, 3, 5, 4, 2, 1
+    log = np.tile(hit, periods) + noise * np.random.default_rng(periods).standard_normal(4096 * periods)
+    assert find_period(log[:, None]).best_samples == pytest.approx(4096, abs=1e-2 + noise)

@@ -44,6 +44,8 @@ class TimeStampLimits:
 
 
 STAMPS = TimeStampLimits()
+# Stamps to either side among which the last digit of one is nonzero.
+ALIKE = 10
 
 
 @dataclass(frozen=True)
@@ -82,19 +84,25 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     rounding = STAMPS.max_rounding * _resolution(time_s)
     for rows in candidates:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
-        deviation = float(np.abs(time_s - start - step * rows).max())
-        if step > 0 and deviation <= max(STAMPS.max_deviation * step, rounding):
+        allowed = np.maximum(STAMPS.max_deviation * step, rounding)
+        if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
             return rows, 1 / float(step)
     return None
 
 
-def _resolution(time_s: FloatArray) -> float:
-    """The decimal step that all stamps (n,) are multiples of; 0 where they have more than nine digits."""
-    for digits in range(10):
+def _resolution(time_s: FloatArray) -> FloatArray:
+    """The decimal step of each stamp (n,) as those about it are written; 0 where they have more than nine digits.
+
+    Loggers with a fixed number of significant digits write fewer decimals as time goes on.
+    """
+    decimals = np.full(len(time_s), 10)
+    for digits in range(9, -1, -1):
         scaled = time_s * 10.0**digits
-        if np.all(np.abs(scaled - np.round(scaled)) < 1e-3):
-            return float(10.0**-digits)
-    return 0.0
+        decimals[np.abs(scaled - np.round(scaled)) < 1e-3] = digits
+    about = np.pad(decimals, ALIKE, mode="edge")
+    most = np.lib.stride_tricks.sliding_window_view(about, ALIKE + 1).max(axis=1)
+    most = np.minimum(most[: len(time_s)], most[ALIKE:])  # those before it, and those after it
+    return np.where(most == 10, 0.0, 10.0**-most)
 
 
 def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> Repaired:

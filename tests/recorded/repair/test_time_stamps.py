@@ -123,9 +123,10 @@ def test_gaps_and_missing_values_among_uneven_times_stay_missing() -> None:
         (lambda k: k / 1000, 1000.0),
         (lambda k: np.round(k / 400, 3), 400.0),
         (lambda k: np.round(1.7e9 + k / 250, 2), 250.0),
+        (lambda k: np.array([float(f"{each / 256:.4g}") for each in k]), 256.0),
         (lambda k: np.floor(k / 1000 * 64) / 64, 1000.0),
     ],
-    ids=["exact", "2 and 3 ms in turn", "UNIX time in 10 ms", "no decimal step"],
+    ids=["exact", "2 and 3 ms in turn", "UNIX time in 10 ms", "four digits", "no decimal step"],
 )
 def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], FloatArray], rate_hz: float) -> None:
     """But those that are rounded to no decimal step: their deviations are taken for what they say."""
