@@ -33,7 +33,7 @@ html_theme_options = {
 }
 exclude_patterns = ["scripts"]  # the gallery has its own pages of them
 highlight_language = "none"
-html_sidebars = {"index": [], "tutorial": []}  # they have no pages below them
+html_sidebars = {"index": []}  # it has no pages beside it
 nitpicky = True  # of links that are written; types in signatures are no links
 nitpick_ignore_regex = [("py:.*", ".*")]
 autodoc_member_order = "bysource"

@@ -1,16 +1,15 @@
 """Every block of the README is executed in a copy with nothing beside it, in the order in which a reader meets them."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from plants.reader import Reader
 
 from elastid.app import scaffold
 from elastid.store.measured import read_plan
@@ -19,11 +18,6 @@ from elastid.study import load
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
-# `pip` and `uv` of a reader: the programs of this environment, without the network; the tests do not run themselves.
-STAND_INS = {
-    "pip": "exit 0",
-    "uv": f'shift; [ "$1" != --group ] || shift 2; [ "$1" != pytest ] || exit 0; exec "{sys.executable}" -m "$@"',
-}
 
 
 def blocks(language: str) -> list[str]:
@@ -56,27 +50,13 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
     """The commands and the Python, in this order and in one copy of the repository."""
     folder = tmp_path / "elastid"
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "runs", "__pycache__"))
-    for name, line in STAND_INS.items():
-        program = tmp_path / "bin" / name
-        program.parent.mkdir(exist_ok=True)
-        program.write_text(f"#!/bin/sh\n{line}\n")
-        program.chmod(0o755)
+    reader = Reader(folder)
     for text in blocks("bash"):
-        run(folder, "bash", "-e", "-o", "pipefail", "-c", text)
+        reader.run_shell(text)
     assert json.loads((folder / "runs" / "demo" / "summary.json").read_text())["status"] == "converged"
     check_demo(folder / "runs" / "demo")
-    check_library(folder)
+    check_library(reader)
     check_friction(folder / "runs" / "friction_of_an_axis")
-
-
-def run(folder: Path, *command: str) -> str:
-    """What a command prints; it ends well."""
-    path = f"{folder.parent / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        command, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, (command, done.stdout[-2000:], done.stderr[-2000:])
-    return done.stdout
 
 
 def check_demo(folder: Path) -> None:
@@ -142,13 +122,13 @@ def numbers(text: str) -> list[tuple[float, float]]:
     return [(float(n), 10.0 ** -len(n.partition(".")[2])) for n in re.findall(r"\d+\.?\d*", text)]
 
 
-def check_library(folder: Path) -> None:
+def check_library(reader: Reader) -> None:
     """The Python fits what the demo fits, to the last digit; the example for a run folder reads it."""
     (text,) = blocks("python")
-    summary = json.loads((folder / "runs" / "demo" / "summary.json").read_text())
-    said = run(folder, sys.executable, "-c", text + "print(repr(done.result.values['k_1']))\n")
+    summary = json.loads((reader.folder / "runs" / "demo" / "summary.json").read_text())
+    said = reader.run(sys.executable, "-c", text + "print(repr(done.result.values['k_1']))\n")
     assert float(said.splitlines()[-1]) == summary["parameters"]["k_1"]["value"]
-    assert (folder / "bode.png").stat().st_size > 10_000
-    said = run(folder, sys.executable, "scripts/examples/ex05_run_folder_in_a_notebook.py", "runs/demo")
+    assert (reader.folder / "bode.png").stat().st_size > 10_000
+    said = reader.run(sys.executable, "scripts/examples/ex05_run_folder_in_a_notebook.py", "runs/demo")
     assert "Fit: converged" in said
     assert "natural frequency in Hz" in said
