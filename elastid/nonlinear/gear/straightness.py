@@ -16,7 +16,7 @@ this amplitude alone, though V of its fit may be that of the noise.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -27,8 +27,9 @@ from elastid.base.note import Note
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.gear.effects import GearEffect, Kind, implicit_law
+from elastid.nonlinear.gear.geometry import geometric_torques
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
-from elastid.record import Record
+from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
 from elastid.robot import Robot
 
@@ -118,8 +119,11 @@ def find_bends(
     problem = _Problem.of(gather_lines(records, spec, planned), _load(records), drives)
     if problem is None:
         return
-    for i, joint in enumerate(drives.joints):
-        if joint and (bend := problem.bend(i, joint)) is not None:
+    bent = [i for i, joint in enumerate(drives.joints) if joint and problem.bend(i, joint) is not None]
+    if bent and not robot.loops:  # the arm's own distortion looks like that of a gear
+        problem = problem.on_arm(robot, first.configuration)
+    for i in bent:
+        if (bend := problem.bend(i, drives.joints[i])) is not None:
             yield bend
 
 
@@ -173,7 +177,9 @@ class _Friction:
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """tau, Q (K, n, M) of gears and X (K, n, n) on the lines used (K,).  torque (n, M, N): on the fine grid, its mean
-    apart: load (n, M).  excited (K,).  dof (K,): complex ones of a line."""
+    apart: load (n, M).  motion (L, n, M): of the joints on lines 1 to L, the highest that is excited.  arm (K, n, M):
+    torques of the arm beyond its linearisation, where they are known.
+    """
 
     lines: PeriodLines
     used: IntArray
@@ -183,7 +189,9 @@ class _Problem:
     torque: FloatArray
     load: FloatArray
     compliance: FloatArray
+    motion: ComplexArray
     friction: tuple[_Friction, ...]
+    arm: ComplexArray | None = None
 
     @classmethod
     def of(cls, lines: PeriodLines, load: FloatArray, drives: _Drives) -> _Problem | None:
@@ -203,7 +211,13 @@ class _Problem:
         friction = tuple(_friction(lines, used, tau, Q, drives, back.T @ load))
         torque = lines.fine(tau.transpose(1, 2, 0))
         compliance = _compliance(s2X, lines.s[on], drives.compliance)
-        return cls(lines, used, tau[used], Q[used], X, torque, back.T @ load, compliance, friction)
+        motion = (Q - compliance[:, None] * tau)[: on[-1] + 1]
+        return cls(lines, used, tau[used], Q[used], X, torque, back.T @ load, compliance, motion, friction)
+
+    def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
+        """With the arm's torques."""
+        torques = geometric_torques(robot, at, self.motion, self.lines.s[: len(self.motion)])
+        return replace(self, arm=torques[self.used])
 
     def bend(self, i: int, joint: str) -> Bend | None:
         """The shape of gear i that explains most; None where its spring is straight."""
@@ -219,6 +233,8 @@ class _Problem:
         bent = [x - x.mean(axis=1)[:, None] - g * tau for x, g in zip(shapes.values(), gains, strict=True)]
         stop = _along("stop", _LOOP * size, tau)
         others = [self._gain(i, each)[:, None] * each.phi for each in self.friction]
+        if self.arm is not None:
+            others.append(-np.einsum("kj,kjm->km", (self.X - np.diag(self.compliance))[:, i], self.arm))
         others.append(_spectra(self.lines, self.used, stop - np.mean(stop * tau) / np.mean(tau**2) * tau))
         columns = np.stack([*others, *(_spectra(self.lines, self.used, x) for x in bent)], axis=2)
         A, b = self._whitened(i, columns, len(others) + 1)

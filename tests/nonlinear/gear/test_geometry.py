@@ -1,0 +1,45 @@
+"""Torques of an arm beyond its linearisation, held against the equations of two links as written in textbooks."""
+
+import numpy as np
+from plants.two_links import LENGTH, MASS, OFFSET, arm
+
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.formulation import serial
+from elastid.nonlinear.gear.geometry import geometric_torques
+from elastid.record import Configuration
+
+
+def textbook(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Torques (2, n) of the two joints about y, with gravity along -z; q positive downwards, of the second relative."""
+    (m1, m2), (c1, c2), g = MASS, OFFSET, 9.81
+    i1, i2 = 1.5, 1.0
+    beta = m2 * LENGTH * c2
+    alpha = i1 + i2 + m1 * c1**2 + m2 * (LENGTH**2 + c2**2)
+    delta = i2 + m2 * c2**2
+    cos, sin = np.cos(q[1]), np.sin(q[1])
+    of_first = (alpha + 2 * beta * cos) * a[0] + (delta + beta * cos) * a[1] - beta * sin * (2 * v[0] + v[1]) * v[1]
+    of_second = (delta + beta * cos) * a[0] + delta * a[1] + beta * sin * v[0] ** 2
+    weight = m2 * g * c2 * np.cos(q[0] + q[1])
+    return np.stack([of_first - (m1 * c1 + m2 * LENGTH) * g * np.cos(q[0]) - weight, of_second - weight])
+
+
+def test_torques_are_those_of_two_links_beyond_first_order() -> None:
+    """Of three lines, about a posture that gravity bends; their sums and differences are lines as well."""
+    robot, at, s = arm(), Configuration("c", np.array([0.3, -0.9])), 2j * np.pi * 0.5 * np.arange(1, 25)
+    rng = np.random.default_rng(0)
+    motion = np.zeros((24, 2, 2), complex)
+    motion[[2, 4, 7]] = 0.02 * (rng.standard_normal((3, 2, 2)) + 1j * rng.standard_normal((3, 2, 2)))
+    model = serial(robot)
+    q0 = equilibrium(model, model.theta, at).q[:2, None]
+    n = 4096
+    wave = np.exp(2j * np.pi * np.outer(np.arange(1, 25), np.arange(n)) / n)
+    found = geometric_torques(robot, at, motion, s)
+    for m in range(2):
+        delta, v, a = ((motion[:, :, m] * s[:, None] ** i).T @ wave for i in range(3))
+        delta, v, a = delta.real, v.real, a.real
+        small = 1e-6
+        ends = [textbook(q0 + h * delta, 0 * v, h * a) for h in (small, -small)]
+        beyond = textbook(q0 + delta, v, a) - (ends[0] - ends[1]) / (2 * small)
+        expected = np.fft.rfft(beyond)[:, 1:25].T * 2 / n
+        np.testing.assert_allclose(found[:, :, m], expected, atol=1e-6 * np.abs(expected).max())
+        assert np.abs(expected).max() > 0.1
