@@ -22,10 +22,10 @@ from elastid.fit.static_agreement import StaticAgreement
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.posture_answers import Axes
-from elastid.linear.posture_model import Doubt, Motors, PostureModel
+from elastid.linear.posture_model import Doubt, PostureModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration, Motion
+from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 

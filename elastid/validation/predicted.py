@@ -19,7 +19,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.propagation import LEVEL
 from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.result import FitResult
-from elastid.linear.posture_model import Motors
+from elastid.record import Motors
 from elastid.response import FrequencyResponse
 
 # 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).

@@ -9,7 +9,7 @@ import pytest
 from plants.predicted_arm import result
 
 from elastid.base.errors import StudyError
-from elastid.linear.posture_model import Doubt, JointLoop
+from elastid.linear.posture_model import Doubt
 
 ANGLES = [0.3, 0.7]
 

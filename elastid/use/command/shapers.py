@@ -23,7 +23,8 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked
 from elastid.fit.result import FitResult
 from elastid.linear.equilibrium import rigid_posture
-from elastid.linear.posture_model import JointLoop, PostureModel
+from elastid.linear.posture_model import PostureModel
+from elastid.record import JointLoop
 from elastid.record import Configuration
 from elastid.robot import Payload
 from elastid.simulation.controller import tune
