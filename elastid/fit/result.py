@@ -18,7 +18,7 @@ from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_o
 from elastid.fit.modification_index import ModificationIndex as ModificationIndex
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.static_agreement import StaticAgreement
+from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.posture_answers import Axes
@@ -141,7 +141,7 @@ class FitResult:
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
-    static: static load tests next to the responses; None without any.
+    static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
     """
 
     parameters: ParameterSet
@@ -180,6 +180,7 @@ class FitResult:
     robot: Robot | None = None
     equations: ModelSpec | None = None
     static: StaticAgreement | None = None
+    tool: ToolAgreement | None = None
 
     def __post_init__(self) -> None:
         n_x = len(self.parameters.free)

@@ -216,7 +216,9 @@ class LinearModel:
     def acting(self, theta: FloatArray) -> FloatArray:
         """B (n, n_u) at theta (n_theta,) in SI."""
         moved = [(name, self.slopes[name].B) for name in self.moved_outputs]
-        change = [(self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in moved if dB is not None]
+        change = [
+            (self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in moved if dB is not None
+        ]
         return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
     def with_outputs(self, rows: Sequence[int]) -> LinearModel:

@@ -56,7 +56,7 @@ def _square(N: FloatArray, A: FloatArray) -> FloatArray:
 
 
 def _on(slope: Slope, N: FloatArray, rows: list[int]) -> Slope:
-    turned = (None if A is None else _square(N, A) for A in (slope.M, slope.D, slope.K))
+    M, D, K = (None if A is None or not np.any(N.T @ A) else _square(N, A) for A in (slope.M, slope.D, slope.K))
     C, T = (None if part is None else part @ N for part in (slope.C, slope.T))
     B = None if C is None or not np.any(C[rows]) else C[rows].T
-    return Slope(*(part if part is not None and np.any(part) else None for part in turned), C, T, B)
+    return Slope(M, D, K, C, T, B)

@@ -10,6 +10,7 @@ from plants.predicted_arm import result
 
 from elastid.base.errors import StudyError
 from elastid.linear.posture_model import Doubt
+from elastid.record import JointLoop
 
 ANGLES = [0.3, 0.7]
 

@@ -194,7 +194,12 @@ def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
         return change if np.any(np.abs(change) > 1e-9 * max(np.abs(before).max(initial=0.0), 1e-300)) else None
 
     pairs = [(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"]
-    return Slope(*(slope(*pair) for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W), (model.B, W.T @ moved.B))))
+    return Slope(
+        *(
+            slope(*pair)
+            for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W), (model.B, W.T @ moved.B))
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -268,7 +268,10 @@ def elastic_fit(
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
     loads = {moved_by(name) for name in response.inputs if is_load(name)}
-    known_inputs = (*model.inputs, *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs))
+    known_inputs = (
+        *model.inputs,
+        *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
+    )
     for kind, wanted, known in (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs)):
         if missing := ", ".join(name for name in wanted if name not in known):
             has_not = f"the response has the {kind} {missing}, which the model has not"

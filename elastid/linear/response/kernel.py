@@ -333,7 +333,12 @@ class Kernel:
         moved = [model.slopes[name] for name in model.moved_outputs]
         none = Slope(C=np.zeros(model.C.shape), B=np.zeros(model.B.shape))
         C, B = (
-            np.array([getattr(model, letter), *(getattr(s if getattr(s, letter) is not None else none, letter) for s in moved)])
+            np.array(
+                [
+                    getattr(model, letter),
+                    *(getattr(s if getattr(s, letter) is not None else none, letter) for s in moved),
+                ]
+            )
             for letter in "CB"
         )
         T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])

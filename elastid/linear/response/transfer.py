@@ -208,4 +208,6 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
-    return FrequencyResponse(lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop)
+    return FrequencyResponse(
+        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop
+    )
