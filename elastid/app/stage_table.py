@@ -206,8 +206,8 @@ STAGES = (
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
-        values=(*FITTED, *values("seed", "loads", "tool", "estimator"), Value("validation.left_out")), files=tool_responses,
-        sources=(Source("estimate"),),
+        values=(*FITTED, *values("seed", "loads", "tool", "estimator"), Value("validation.left_out")),
+        files=tool_responses, sources=(Source("estimate"),),
         patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
     ),

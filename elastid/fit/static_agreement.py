@@ -92,7 +92,8 @@ class ToolAgreement:
     def words(self) -> str:
         """The comparison in a sentence."""
         rms = math.sqrt(self.chi_square / max(self.dof, 1))
+        count = len(self.responses)
         return (
-            f"{len(self.responses)} responses at the tool are {rms:.3g} times their std from what the motors' responses "
+            f"{count} response{'s' * (count > 1)} at the tool {'are' if count > 1 else 'is'} {rms:.3g} times their std from what those of the motors "
             f"allow, rms, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
         )

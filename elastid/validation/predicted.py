@@ -84,7 +84,9 @@ class PredictedResponse:
 def predict_response(
     result: FitResult, measured: FrequencyResponse, modelled: FrequencyResponse | None = None, is_fitted: bool = False
 ) -> PredictedResponse:
-    """The prediction of a response, its motors as they were; modelled: of the fitted model with the measurement's own dynamics, if it has any.
+    """The prediction of a response, its motors as they were.
+
+    modelled: of the fitted model with the measurement's own dynamics, if it has any.
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """

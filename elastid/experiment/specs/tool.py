@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, get_args
+from typing import Annotated
 
 import numpy as np
 
@@ -27,21 +27,17 @@ class ToolSpec:
         "the link side: position gain, and velocity gain over the integral time.", "the drives' gains, in the order of "
         "the motors; a wrong one shows as a contradiction of the motors' responses.")] = ()
     damping: Annotated[tuple[Damping, ...], Key("Damping by which each controlled drive brakes its motor, on the link "
-        "side: the gain of its velocity loop.", "as for stiffness.")] = ()
+        "side: the gain of its velocity loop.", "the drives' gains, as for stiffness; 0 of a drive without a velocity "
+        "loop.")] = ()
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.motors not in get_args(Motors):
-            raise ValueError(f"motors is '{self.motors}'; give one of {', '.join(get_args(Motors))}")
-        if (self.motors == "controlled") != bool(self.stiffness and self.damping) or bool(self.stiffness) != bool(
-            self.damping
-        ):
+        """Refuse drives of motors that are not controlled, and controlled motors without them."""
+        n = len(self.stiffness)
+        if n != len(self.damping) or (self.motors == "controlled") != (n > 0):
             raise ValueError(
-                "stiffness and damping of the drives belong to motors: controlled, one number of each for each motor"
-            )
-        if len(self.stiffness) != len(self.damping):
-            raise ValueError(
-                f"{len(self.stiffness)} stiffnesses and {len(self.damping)} dampings; give one of each motor"
+                f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one of "
+                "each for each motor where they are controlled, and none otherwise"
             )
 
     @property

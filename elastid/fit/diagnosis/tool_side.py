@@ -4,15 +4,16 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 .. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
 
-by a few damped steps of Gauss and Newton. Where T is beyond chance, or the factor rho by which all responses at the tool are
-larger, the cause is that, of those below, with which T is smallest: another reading of force and motion (sign, axis,
-quantity, motors that were not as stated), or a further unknown (a common factor, a delay, one spring).
+by a few damped steps of Gauss and Newton. Where T is beyond chance, or the factor rho by which all responses at the
+tool are larger, the cause is that, of those below, with which T is smallest: another reading of force and motion (sign,
+axis, quantity, motors that were not as stated), or a further unknown (a common factor, a delay, one spring).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations
 from typing import TypeAlias
 
@@ -216,26 +217,27 @@ def _along(responses: Sequence[FrequencyResponse], axes: dict[str, str]) -> tupl
 
 def _columns(alone: FitResult) -> Iterator[tuple[Column, Callable[[float], str]]]:
     yield _factor, _words_of_factor
-    yield (
-        _delay,
-        lambda by: f"motion behind force by {1e3 * by:.3g} ms: a filter, or channels that were not simultaneous",
-    )
+    yield _delay, _words_of_delay
     for i, parameter in enumerate(alone.parameters.free):
         if parameter.stands_for.startswith("k_") and parameter.log:
-            name = parameter.name
-            yield (
-                _of_spring(i),
-                lambda by, name=name: (  # type: ignore[misc]
-                    f"as if {name} were {np.exp(by):.3g} times as large at the small motions of the tool as at those of the "
-                    "motors, as friction or backlash of that gear makes it"
-                ),
-            )
+            yield _of_spring(i), partial(_words_of_spring, parameter.name)
 
 
 def _words_of_factor(by: float) -> str:
     return (
-        f"all responses at the tool are {1 + by:.4g} times as large: check unit and calibration of hammer and sensor, and "
-        "whether the current of the motors is their torque"
+        f"all responses at the tool are {1 + by:.4g} times as large: check unit and calibration of hammer and sensor, "
+        "and whether the current of the motors is their torque"
+    )
+
+
+def _words_of_delay(by: float) -> str:
+    return f"motion behind force by {1e3 * by:.3g} ms: a filter, or channels that were not simultaneous"
+
+
+def _words_of_spring(name: str, by: float) -> str:
+    return (
+        f"as if {name} were {np.exp(by):.3g} times as large at the small motions of the tool as at those of the "
+        "motors, as friction or backlash of that gear makes it"
     )
 
 

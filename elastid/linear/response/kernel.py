@@ -7,7 +7,8 @@ another solve (plain transposes):
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
 Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves
-an output adds c dC X, and one that moves a force c W^T dB. Gains of channels multiply all of it element by element. Letters as in `transfer`.
+an output adds c dC X, and one that moves a force c W^T dB. Gains of channels multiply all of it element by element.
+Letters as in `transfer`.
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ _FILES = "experiment.recorded.files.*."
 UNUSED = (
     Unused(_FRICTION, ("excitation", "design"), "friction is measured by passes and loops, not by {key}; drop this "
            "section, or friction"),
-    Unused(_FRICTION, ("estimator", "model", "fit", "compare", "loads", "tool"), "no stage of a study of friction uses {key}; "
-           "drop this section, or friction"),
+    Unused(_FRICTION, ("estimator", "model", "fit", "compare", "loads", "tool"), "no stage of a study of friction "
+           "uses {key}; drop this section, or friction"),
     Unused(_FRICTION, ("validation.folds", "validation.tool"), "a study of friction has no {key}; name logs in "
            "validation.left_out"),
     Unused(("friction",), ("validation.left_out",), "it names logs, and this experiment is simulated; drop this key"),
