@@ -180,7 +180,7 @@ STAGES = (
     Stage(
         "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
-            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
+            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out", "loads"),
             *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
         ),
         files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,

@@ -92,8 +92,9 @@ class ToolAgreement:
     def words(self) -> str:
         """The comparison in a sentence."""
         rms = math.sqrt(self.chi_square / max(self.dof, 1))
-        count = len(self.responses)
+        many = len(self.responses) > 1
+        count = f"{len(self.responses)} responses at the tool are" if many else "1 response at the tool is"
         return (
-            f"{count} response{'s' * (count > 1)} at the tool {'are' if count > 1 else 'is'} {rms:.3g} times their std from what those of the motors "
-            f"allow, rms, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
+            f"{count} {rms:.3g} times {'their' if many else 'its'} std from what those of the motors allow, rms, "
+            f"{self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
         )

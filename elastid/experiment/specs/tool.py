@@ -36,8 +36,8 @@ class ToolSpec:
         n = len(self.stiffness)
         if n != len(self.damping) or (self.motors == "controlled") != (n > 0):
             raise ValueError(
-                f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one of "
-                "each for each motor where they are controlled, and none otherwise"
+                f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one "
+                "of each for each motor where they are controlled, and none otherwise"
             )
 
     @property
