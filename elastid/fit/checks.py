@@ -178,7 +178,8 @@ def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
     if response.motors != "free" and not at_tool:
         raise DataError(f"{where}: torques of its motors, which are {response.motors}, cannot act on them")
     if response.motors == "held" and (still := [place for place in response.outputs if place.startswith("motor ")]):
-        raise DataError(f"{where}: {', '.join(still)} do not move while the motors are held; leave these outputs out")
+        move = "does not move" if len(still) == 1 else "do not move"
+        raise DataError(f"{where}: {', '.join(still)} {move} while the motors are held; leave out what is read there")
     if response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
         raise DataError(f"{where}: its motors are controlled; give their loop, stiffness kp and damping kd without ki")
     for place in response.outputs:

@@ -385,7 +385,7 @@ class FitResult:
                 "STUDY`), or `elastid.identify(...)`"
             )
         spec = self.equations or ModelSpec()
-        known = self.parameters, self.x, self.covariance_of_prediction
+        known = self.parameters, self.x, self.covariance
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
     def with_parameters(self, **values: float) -> FitResult:
@@ -413,11 +413,6 @@ class FitResult:
             indices=tuple(replace(index, effects=np.where(others, index.effects, 0.0)) for index in self.indices),
             message=f"{self.message}; by hand: {', '.join(f'{name} = {value:.6g}' for name, value in values.items())}",
         )
-
-    @property
-    def covariance_of_prediction(self) -> FloatArray:
-        """`covariance`, times the square of residuals over their noise where the model is wrong."""
-        return self.covariance * self.model_error**2 if self.exceeds_noise else self.covariance
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:

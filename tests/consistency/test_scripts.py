@@ -61,6 +61,17 @@ def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
     assert mill["gain"] == pytest.approx(25.3, rel=0.05)
 
 
+@pytest.mark.slow
+def test_example_20_knows_a_wrist_by_weights() -> None:
+    """Five times as exactly and more, within three standard deviations of the truth."""
+    weighed = example("ex20_load_tests")
+    assert not weighed["both"].static.disagrees
+    for name, times in (("k_4", 5), ("k_5", 5)):
+        without, with_loads = weighed["relative"][name]
+        assert with_loads < without / times, name
+        assert abs(weighed["both"].values[name] / weighed["truth"][name] - 1) < 3 * with_loads, name
+
+
 def test_example_18_finds_the_modes_of_three_masses() -> None:
     """Shapes with a MAC of 0.999 and more, and a state-space model of six states."""
     found = example("ex19_modes_of_a_structure")
