@@ -231,7 +231,8 @@ def _with_agreements(
         kept = fitted(replace(assembly, loads=None))
     else:
         kept = of_motors
-    step = found[3].x - kept[3].x
+    pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
+    step = (found[3].x - kept[3].x) * pulls
     covariance = kept[3].covariance + np.outer(step, step)
     return *kept[:3], replace(kept[3], static=static, tool=tool, covariance=covariance)
 

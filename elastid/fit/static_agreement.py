@@ -74,6 +74,7 @@ class ToolAgreement:
 
     ratio, ratio_std: of the magnitudes.  chi_square: with the errors of both, of `dof` real numbers that count; 1 per
     number where they agree.  cause: the likeliest one in words where they disagree by more than chance, else empty.
+    is_misread: it is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
     """
 
     responses: tuple[ToolComparison, ...] = labelled(rows=True)
@@ -82,6 +83,7 @@ class ToolAgreement:
     chi_square: float = 0.0
     dof: int = 0
     cause: str = ""
+    is_misread: bool = False
 
     @property
     def disagrees(self) -> bool:

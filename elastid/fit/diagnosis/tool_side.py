@@ -120,9 +120,9 @@ def tool_agreement(assembly: Assembly, alone: FitResult) -> ToolAgreement:
     is_beyond = scale * dof * largest_by_chance(dof) < T or (
         (factor / std) ** 2 > scale * chi_square_limit(1, LIMITS.tail)
     )
-    cause = _cause(assembly, alone, now, T) if is_beyond else ""
+    cause, is_misread = _cause(assembly, alone, now, T) if is_beyond else ("", False)
     compared = tuple(_compared(G, part, now) for G, part in zip(assembly.responses, now.fit.parts, strict=True))
-    return ToolAgreement(compared, 1 + factor, std, T, dof, cause)
+    return ToolAgreement(compared, 1 + factor, std, T, dof, cause, is_misread)
 
 
 def _joint(assembly: Assembly, alone: FitResult) -> _Joint:
@@ -155,12 +155,13 @@ def _of_spring(i: int) -> Column:
     return lambda G, slopes, s: np.asarray(slopes[i])
 
 
-def _cause(assembly: Assembly, alone: FitResult, now: _Joint, T: float) -> str:
-    """The likeliest cause, and others that explain as much."""
+def _cause(assembly: Assembly, alone: FitResult, now: _Joint, T: float) -> tuple[str, bool]:
+    """The likeliest cause, and others that explain as much; whether it is another reading."""
     tried: list[tuple[float, str]] = []
     for responses, words in _readings(assembly.responses):
         other = replace(assembly, responses=responses).with_floor(alone.floor)
         tried.append((_joint(other, alone).least()[0], words))
+    readings = [words for _, words in tried]
     for column, describe in _columns(alone):
         least, size, _ = now.least(column)
         if abs(size) < LIMITS.largest:  # beyond it another reading explains what this column imitates
@@ -171,9 +172,9 @@ def _cause(assembly: Assembly, alone: FitResult, now: _Joint, T: float) -> str:
         return (
             "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, and "
             "whether the motors were as stated"
-        )
+        ), False
     near = [words for least, words in tried if least < 1.05 * best + LIMITS.alternative]
-    return " or ".join(near[:3])
+    return " or ".join(near[:3]), near[0] in readings
 
 
 def _readings(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[tuple[FrequencyResponse, ...], str]]:
@@ -250,10 +251,6 @@ def tool_notes(result: FitResult) -> tuple[Note, ...]:
     """A warning where responses at the tool contradict those of the motors."""
     if result.tool is None or not result.tool.disagrees:
         return ()
-    return (
-        Note(
-            "tool-side",
-            f"{tool_contradiction(result.tool)}; the numbers are those of the motors' responses alone, and their "
-            "intervals contain those of both together",
-        ),
-    )
+    both = "" if result.tool.is_misread else ", and their intervals contain those of both together"
+    alone = f"the numbers are those of the motors' responses alone{both}"
+    return (Note("tool-side", f"{tool_contradiction(result.tool)}; {alone}"),)
