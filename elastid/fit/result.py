@@ -102,8 +102,9 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
-# Std of an error that would explain a misfit, over its step.
-DOUBT = 0.7
+# Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
+# it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
+DOUBT, LONE_CAUSE = 0.6, 0.95
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
@@ -385,7 +386,7 @@ class FitResult:
                 "STUDY`), or `elastid.identify(...)`"
             )
         spec = self.equations or ModelSpec()
-        known = self.parameters, self.x, self.covariance
+        known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
     def with_parameters(self, **values: float) -> FitResult:
@@ -415,11 +416,20 @@ class FitResult:
         )
 
     @property
+    def covariance_of_prediction(self) -> FloatArray:
+        """`covariance`, which holds what postures and bands disagree about; where no one cause explains a misfit, more.
+
+        Then it counts times the square of residuals over their noise.
+        """
+        is_explained = any(index.place == 1 and index.share > LONE_CAUSE for index in self.indices)
+        return self.covariance * self.model_error**2 if self.exceeds_noise and not is_explained else self.covariance
+
+    @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Where the model is wrong, the numbers that would explain it, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
-        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a third to spare.
+        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             Doubt(

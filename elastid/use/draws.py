@@ -33,14 +33,14 @@ class DrawnRobots:
 
 
 def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """`count` robots from the normal distribution of x (`FitResult.covariance`).
+    """`count` robots from the normal distribution of x (`FitResult.covariance_of_prediction`).
 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
     """
     if result.robot is None:
         raise StudyError("this result holds no robot; fit again with this version of elastid")
-    covariance = result.covariance
+    covariance = result.covariance_of_prediction
     names = result.parameters.moved(configuration)
     places = [result.parameters.names.index(name) for name in names]
     values, robots, refused = [], [], 0
