@@ -77,6 +77,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
     numbers: dict[str, Any] = {
         "static_loads": None,
+        "tool_responses": None,
         "cost": None,
         "cost_expected": None,
         "dof": None,

@@ -22,6 +22,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
+from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit, Part, mixed
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
@@ -181,7 +182,12 @@ def _readings(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[tuple[Fr
     """All responses at the tool as they would be read otherwise, with words."""
 
     def turned(sign: float, power: int) -> tuple[FrequencyResponse, ...]:
-        return tuple(replace(G, G=sign * G.G * (2j * np.pi * G.freq_hz[:, None, None]) ** power) for G in responses)
+        every = []
+        for G in responses:
+            s = 2j * np.pi * G.freq_hz[:, None, None]
+            noise, total = (scaled(own, np.abs(s) ** (2 * power)) for own in (G.noise, G.total))
+            every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(every)
 
     yield turned(-1.0, 0), "force and motion have opposite signs: reverse the sign of one of them"
     orders = {order: name for name, order in MOTION_ORDER.items()}
