@@ -79,7 +79,6 @@ if TYPE_CHECKING:
     from elastid.friction_study.spec import FrictionSpec as FrictionSpec
     from elastid.linear.fitted_model import FittedModel as FittedModel
     from elastid.linear.linearise import linearise as linearise
-    from elastid.linear.posture_model import JointLoop as JointLoop
     from elastid.linear.posture_model import PostureModel as PostureModel
     from elastid.linear.response.transfer import frequency_response as frequency_response
     from elastid.modal.estimate import estimate_modes as estimate_modes
@@ -98,6 +97,7 @@ if TYPE_CHECKING:
     from elastid.record import Configuration as Configuration
     from elastid.record import FrictionRecord as FrictionRecord
     from elastid.record import FrictionRecords as FrictionRecords
+    from elastid.record import JointLoop as JointLoop
     from elastid.recorded.rig import RecordedRig as RecordedRig
     from elastid.response import Covariance as Covariance
     from elastid.response import FrequencyResponse as FrequencyResponse
@@ -150,7 +150,7 @@ _NAMES = {
     "elastid.experiment.simulated.plant": ("closed_loop_of",),
     "elastid.experiment.simulated.rig": ("SimulatedRig",),
     "elastid.recorded.rig": ("RecordedRig",),
-    "elastid.record": ("Configuration", "FrictionRecord", "FrictionRecords"),
+    "elastid.record": ("Configuration", "FrictionRecord", "FrictionRecords", "JointLoop"),
     "elastid.frf.spec": ("EstimatorSpec",),
     "elastid.frf.estimate": ("estimate",),
     "elastid.response": ("Covariance", "FrequencyResponse", "Responses"),
@@ -168,7 +168,7 @@ _NAMES = {
     "elastid.fit.problem.static_loads": ("placed_tests",),
     "elastid.fit.result": ("FitResult",),
     "elastid.linear.fitted_model": ("FittedModel",),
-    "elastid.linear.posture_model": ("PostureModel", "JointLoop"),
+    "elastid.linear.posture_model": ("PostureModel",),
     "elastid.use.postures": ("random_postures",),
     "elastid.use.compliance": ("Cut",),
     "elastid.use.map": ("map_workspace",),

@@ -21,6 +21,7 @@ from elastid.base.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
+Motors: TypeAlias = Literal["held", "free", "controlled"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
 
@@ -54,6 +55,15 @@ class HeldTorque:
     def is_uniform(self) -> bool:
         """True if all inputs are held at one rate and all or no outputs are sampled."""
         return len(set(self.rates_hz)) == 1 and len(set(self.sampled)) == 1
+
+
+@frozen_value
+class JointLoop:
+    """Feedback u = -(kp + kd s) (1 + ki / s) y of each motor; kp, kd, ki (n_u,), link side, SI."""
+
+    kp: FloatArray
+    kd: FloatArray
+    ki: FloatArray
 
 
 @frozen_value

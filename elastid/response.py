@@ -20,7 +20,16 @@ from elastid.base.errors import check_kind, index_of
 from elastid.base.escape import control_label
 from elastid.base.note import Note
 from elastid.covariance import Covariance, CovarianceForm, scaled
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
+from elastid.record import (
+    MOTION_ORDER,
+    Configuration,
+    HeldTorque,
+    JointLoop,
+    Motion,
+    Motors,
+    drive_unit,
+    motion_unit,
+)
 
 # Arrays of a Quality with the lines of its response.
 LINE_ARRAYS = (
@@ -133,7 +142,8 @@ class FrequencyResponse:
     errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
     leakage (F, n_y, n_u): error of G by the windows of segments to first order, of which `total` holds the square.
     motion: of the motors while it was measured, or None.  window, segment_s: of the segments that have smoothed G along
-    frequency, or "" and 0.
+    frequency, or "" and 0.  motors: while it was measured, which a force at the tool finds held by brakes, free or
+    controlled by `loop`; torques of motors act on free ones.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -164,6 +174,8 @@ class FrequencyResponse:
     motion: MotorMotion | None = None
     window: str = ""
     segment_s: float = 0.0
+    motors: Motors = "free"
+    loop: JointLoop | None = None
 
     def __post_init__(self) -> None:
         """Check names and arrays."""

@@ -30,10 +30,7 @@ def tests_of(
     """
     if loads is None:
         return ()
-    named = {
-        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
-        for name, angles in experiment.configurations.items()
-    }
+    named = named_configurations(experiment)
     named |= {response.configuration.name: response.configuration for response in responses}
     tests = placed_tests(loads.tests, named)
     if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
@@ -49,6 +46,14 @@ def tests_of(
         each if each.test.deflection is not None else replace(each, test=_measured(each.test, y, draw))
         for each, y, draw in zip(tests, exact, draws, strict=True)
     )
+
+
+def named_configurations(experiment: ExperimentSpec) -> dict[str, Configuration]:
+    """The configurations of an experiment by name."""
+    return {
+        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
+        for name, angles in experiment.configurations.items()
+    }
 
 
 def _measured(test: LoadTest, exact: FloatArray, draw: np.random.SeedSequence) -> LoadTest:

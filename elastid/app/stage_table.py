@@ -130,9 +130,9 @@ def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
 
 
 def tool_responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
-    """The files with responses at the tool."""
-    tool = handed["validation"].tool
-    return _plain((file.path for file in tool.responses.files) if tool is not None else (), folder)
+    """The files with responses at the tool, fitted and predicted."""
+    tools = [handed["tool"], handed["validation"].tool if "validation" in handed else None]
+    return _plain((file.path for tool in tools if tool is not None for file in tool.responses.files), folder)
 
 
 def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
@@ -180,7 +180,7 @@ STAGES = (
     Stage(
         "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
-            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
+            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out", "loads"),
             *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
         ),
         files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,
@@ -206,7 +206,8 @@ STAGES = (
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
-        values=(*FITTED, *values("seed", "loads"), Value("validation.left_out")), sources=(Source("estimate"),),
+        values=(*FITTED, *values("seed", "loads", "tool", "estimator"), Value("validation.left_out")),
+        files=tool_responses, sources=(Source("estimate"),),
         patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
     ),
@@ -223,7 +224,7 @@ STAGES = (
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        values=(*FITTED, *values("seed", "estimator", "validation")), files=tool_responses,
+        values=(*FITTED, *values("seed", "estimator", "tool", "validation")), files=tool_responses,
         sources=(
             Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
             Source("fit"), Source("gears"),

@@ -77,6 +77,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
     numbers: dict[str, Any] = {
         "static_loads": None,
+        "tool_responses": None,
         "cost": None,
         "cost_expected": None,
         "dof": None,
@@ -127,6 +128,7 @@ def summary(
             for part in result.rigid_parts
         ],
         "static_loads": _static_loads(result),
+        "tool_responses": _tool_responses(result),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
@@ -141,6 +143,14 @@ def _static_loads(result: FitResult) -> dict[str, Any] | None:
     keys = "configuration frame direction measured std by_responses by_responses_std"
     readings = [section(reading, keys) for reading in result.static.readings]
     return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
+
+
+def _tool_responses(result: FitResult) -> dict[str, Any] | None:
+    """Responses at the tool next to those of the motors; null without any."""
+    if result.tool is None:
+        return None
+    rows = [section(each, "configuration motors inputs outputs rms_log_db") for each in result.tool.responses]
+    return section(result.tool, "ratio ratio_std chi_square dof cause") | {"responses": rows}
 
 
 def interrupted(
@@ -182,7 +192,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
         "replays": [section(each, replay) for each in validation.replays],
         **_twin(twin),
         "predictions": [
-            section(each, "configuration motors inside rms_log_db by")
+            section(each, "configuration motors inside rms_log_db by is_fitted")
             | {"inputs": list(each.measured.inputs), "outputs": list(each.measured.outputs)}
             for each in validation.predictions
         ],

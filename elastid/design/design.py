@@ -22,6 +22,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
+from elastid.design.at_tool import study_tests, tool_notes
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
@@ -171,13 +172,18 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
     responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
+    tests = study_tests(problem.loads)
     expected = forecast(responses, known.x)
+    information = expected_fit(responses).evaluate(known.x).hessian / 2
+    relative = np.where(expected.log, expected.relative, np.inf)
+    at_tool = tool_notes(responses, information, relative, settled.robot, problem.model, tests)
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
         *moved_posture_notes(within, responses, known.x),
+        *at_tool,
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     nearest = next(run for run in plan.experiments if run.name == limit_use.nearest)

@@ -41,6 +41,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
+from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -96,6 +97,13 @@ class Assembly:
         if linearisation.is_affine_in(assembly._moved):
             return assembly
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
+
+    def only(self, of_tool: bool) -> Assembly:
+        """The same with the responses at the tool alone, or with those of the motors alone, and without load tests."""
+        pairs = zip(self.responses, self.weights, strict=True)
+        kept = [(G, weights) for G, weights in pairs if is_at_tool(G) == of_tool]
+        responses, weights = zip(*kept, strict=True) if kept else ((), ())
+        return replace(self, responses=responses, weights=weights, loads=None)
 
     def with_floor(self, floor: float | None) -> Assembly:
         """The same with the weights of a floor."""
@@ -187,6 +195,11 @@ class Assembly:
         factors = find_factors(self.responses)
         corrected = (replace(G, G=G.G - np.tensordot(c, bias_of(G, factors), axes=1)) for G in self.responses)
         return replace(self, responses=tuple(corrected))
+
+
+def is_at_tool(response: FrequencyResponse) -> bool:
+    """True of a response by forces at a frame."""
+    return any(map(is_load, response.inputs))
 
 
 @dataclass(frozen=True, eq=False)

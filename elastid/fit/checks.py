@@ -25,6 +25,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.linear.linear_model import is_load
 from elastid.model.closed_posture import assembled, followed
 from elastid.model.kinematics import frame_poses
 from elastid.parameters import Parameter, ParameterSet
@@ -136,7 +137,8 @@ def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[Fre
     for i, j in np.argwhere(np.triu(same, 1)):
         first, second = responses[i], responses[j]
         has_one_load = first.configuration.carries == second.configuration.carries
-        if has_one_load and (first.inputs, first.outputs) == (second.inputs, second.outputs):
+        channels = ((each.inputs, each.outputs, each.motors) for each in (first, second))
+        if has_one_load and len(set(channels)) == 1:
             yield first, second
 
 
@@ -166,11 +168,20 @@ def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
         raise DataError(f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
     if not np.all(np.isfinite(angles)):
         raise DataError(f"{where}: an angle is not a finite number")
-    motors = robot.motor_locations
-    missing = [name for name in response.inputs if name not in motors]
+    at_tool = any(map(is_load, response.inputs))
+    known = robot.load_locations if at_tool else robot.motor_locations
+    missing = [name for name in response.inputs if name not in known]
     if missing:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
-        raise DataError(f"{where}: {has_not}; there are {', '.join(motors)}; {other}")
+        both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
+        raise DataError(f"{where}: {has_not}{both}; there are {', '.join(known)}; {other}")
+    if response.motors != "free" and not at_tool:
+        raise DataError(f"{where}: torques of its motors, which are {response.motors}, cannot act on them")
+    if response.motors == "held" and (still := [place for place in response.outputs if place.startswith("motor ")]):
+        move = "does not move" if len(still) == 1 else "do not move"
+        raise DataError(f"{where}: {', '.join(still)} {move} while the motors are held; leave out what is read there")
+    if response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
+        raise DataError(f"{where}: its motors are controlled; give their loop, stiffness kp and damping kd without ki")
     for place in response.outputs:
         try:
             robot.check_location(place)

@@ -35,6 +35,7 @@ from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.static_loads import static_agreement
 from elastid.fit.diagnosis.status import at_bound
+from elastid.fit.diagnosis.tool_side import tool_agreement
 from elastid.fit.intervals import add_intervals
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
@@ -46,6 +47,7 @@ from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
+from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.fit.tolerances import has_tolerances
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -79,7 +81,7 @@ def identify(
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
-        assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
+        assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
             # A gross fault bends the numbers of the file, too, and is named less surely from there.
@@ -113,7 +115,7 @@ def fit_parameters(
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
     found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
-    assembly, optimum, uncertainty, result = _with_static_agreement(found, assembly, spec, starts, hits)
+    assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
     return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
 
 
@@ -189,32 +191,54 @@ def _with_found_floor(
     return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 
-def _with_static_agreement(
+def _with_agreements(
     found: _Found, assembly: Assembly, spec: FitSpec, starts: tuple[LocalOptimum, ...], hits: int
 ) -> _Found:
-    """The estimate with its load tests compared; where they contradict the responses, that of the responses alone.
+    """The estimate with load tests and responses at the tool compared with the responses of the motors.
 
-    Its covariance then holds the step to the estimate by both.
+    Of what contradicts these the estimate is free, and its covariance holds the step to the estimate by all.
     """
-    if assembly.loads is None:
+    alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
+    if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return found
-    alone = replace(assembly, loads=None)
     begin = replace(starts[0], x=found[1].end.x)
-    first = alone.at(begin.x, spec.criterion)
-    of_responses = _with_found_floor(alone, spec, first, (begin, *starts[1:]), hits, Execution())
-    result = of_responses[3]
-    static = static_agreement(assembly.loads, result, found[3], found[1].fit)
-    if static.disagrees or result.exceeds_noise:
+
+    def fitted(own: Assembly, searched: bool = False) -> _Found:
+        first = own.at(begin.x, spec.criterion)
+        ends = _from_all_starts(own, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
+        return _with_found_floor(own, spec, first, *ends, Execution())
+
+    def compared(motors: FitResult) -> tuple[StaticAgreement | None, ToolAgreement | None]:
+        tool = tool_agreement(at_tool, motors) if at_tool.responses else None
+        if assembly.loads is None:
+            return None, tool
+        both = found if tool is None else fitted(replace(alone, loads=assembly.loads))
+        return static_agreement(assembly.loads, motors, both[3], both[1].fit), tool
+
+    of_motors = fitted(alone)
+    static, tool = compared(of_motors[3])
+    if of_motors[3].exceeds_noise or _disagree(static) or _disagree(tool):
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in.
-        first = alone.at(first.parameters.x, spec.criterion)
-        again = _with_found_floor(alone, spec, first, *_from_all_starts(alone, first, spec, Execution()), Execution())
-        if (again[3].floor, again[3].cost) < (result.floor, result.cost):
-            of_responses, result = again, again[3]
-            static = static_agreement(assembly.loads, result, found[3], found[1].fit)
-    if not static.disagrees:
-        return *found[:3], replace(found[3], static=static)
-    step = found[3].x - result.x
-    return *of_responses[:3], replace(result, static=static, covariance=result.covariance + np.outer(step, step))
+        again = fitted(alone, searched=True)
+        if (again[3].floor, again[3].cost) < (of_motors[3].floor, of_motors[3].cost):
+            of_motors = again
+            static, tool = compared(of_motors[3])
+    if not (_disagree(static) or _disagree(tool)):
+        return *found[:3], replace(found[3], static=static, tool=tool)
+    if assembly.loads is not None and not _disagree(static):
+        kept = fitted(replace(alone, loads=assembly.loads))
+    elif tool is not None and not tool.disagrees:
+        kept = fitted(replace(assembly, loads=None))
+    else:
+        kept = of_motors
+    pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
+    step = (found[3].x - kept[3].x) * pulls
+    covariance = kept[3].covariance + np.outer(step, step)
+    return *kept[:3], replace(kept[3], static=static, tool=tool, covariance=covariance)
+
+
+def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
+    return agreement is not None and agreement.disagrees
 
 
 def _estimate(
@@ -246,7 +270,7 @@ def _estimate(
         share=uncertainty.share,
         informing_hz=uncertainty.informing_hz,
         weakest=uncertainty.weakest,
-        linear=tuple(part.kernel.model for part in fit.parts),
+        linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
         robot=assembly.linearisation.model.robot,
         equations=assembly.model,

@@ -21,6 +21,9 @@ from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Robot, Rod, Spring
 
+# Behind the name of a configuration, of its responses by forces at the tool.
+AT_TOOL = " at the tool"
+
 
 def is_group_key(key: str) -> bool:
     """True if a key of fit.parameters is about the parameter of one group."""
@@ -36,6 +39,7 @@ def groups_of(
     StudyError where a configuration is in two groups, and for `per: robot` without robots.
     """
     per, where = spec.per, f"fit.parameters.{name}.per"
+    tapped = [each for each in configurations if each.endswith(AT_TOOL)]
     if per == "robot":
         if not robots:
             example = "fit.robots: {A: [c1, c2], B: [c3]}"
@@ -46,12 +50,16 @@ def groups_of(
     if per is None or not configurations:
         return {}
     if isinstance(per, str):
-        return {configuration: (configuration,) for configuration in configurations}
+        per = {each: (each,) for each in configurations if each not in tapped}
     taken = [name for group in per.values() for name in group]
     for name in taken:
         if taken.count(name) > 1:
             raise StudyError(f"{where}: configuration {name} is in two groups")
-    return {group: tuple(members) for group, members in per.items() if set(members) & set(configurations)}
+    return {
+        group: (*members, *(each for each in tapped if each.removesuffix(AT_TOOL) in members))
+        for group, members in per.items()
+        if set(members) & set(configurations)
+    }
 
 
 def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:

@@ -13,14 +13,14 @@ from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
+from elastid.linear.ports import moved_by, with_held_motors
 from elastid.linear.posture_answers import Axes
-from elastid.linear.posture_model import Doubt, Estimated, JointLoop, Motors, Ports, PostureModel
+from elastid.linear.posture_model import Doubt, Estimated, Ports, PostureModel
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
-from elastid.model.loop_closure import null_space
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.named_frames import with_frames
 from elastid.simulation.controller import tune
@@ -126,7 +126,7 @@ class Family:
             configuration = replace(configuration, carries=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         ports = self._ports(configuration)
-        moving = np.eye(linear.n) if self.asked.motors != "held" else _held(linear.B)
+        moving = np.eye(linear.n) if self.asked.motors != "held" else with_held_motors(linear.B)
         if not moving.size:
             raise StudyError(
                 f"robot {self.robot.name} has no spring behind its motors, so that nothing moves while they are held; "
@@ -156,7 +156,7 @@ class Family:
             return weights
 
         # A torque about an axis turns the frame about it.
-        acting = [_moved_by(place) for place in self.inputs]
+        acting = [moved_by(place) for place in self.inputs]
         act = np.array([np.zeros(len(rows)) if place in motors else row(place) for place in acting])
         by_motor = np.array([[float(place == motor) for motor in model.inputs] for place in self.inputs])
         read = np.array([row(place) for place in self.outputs])
@@ -209,13 +209,6 @@ def _frame_of(place: str) -> str:
     return rest.rpartition(" ")[0] if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 
-def _moved_by(place: str) -> str:
-    """The motion on which a force or torque works."""
-    kind, _, rest = place.partition(" ")
-    name, _, axis = rest.rpartition(" ")
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
-
-
 def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(_frame_of(place) for place in outputs if place.startswith("accelerometer ")))
 
@@ -241,11 +234,3 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
                 f"the torque of {place} moves nothing while the motors are held; ask with motors='free' or "
                 "motors='controlled'"
             )
-
-
-def _held(B: FloatArray) -> FloatArray:
-    """N (n, m): motions that leave the motors B^T q = 0 at rest; columns of the unit matrix where these are."""
-    still = ~np.any(B, axis=1)
-    if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
-        return np.eye(len(B))[:, still]
-    return null_space(B.T)

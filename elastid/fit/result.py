@@ -18,14 +18,14 @@ from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_o
 from elastid.fit.modification_index import ModificationIndex as ModificationIndex
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.static_agreement import StaticAgreement
+from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.posture_answers import Axes
-from elastid.linear.posture_model import Doubt, Motors, PostureModel
+from elastid.linear.posture_model import Doubt, PostureModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration, Motion
+from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 
@@ -102,8 +102,9 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
-# Std of an error that would explain a misfit, over its step.
-DOUBT = 0.7
+# Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
+# it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
+DOUBT, LONE_CAUSE = 0.6, 0.95
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
@@ -141,7 +142,7 @@ class FitResult:
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
-    static: static load tests next to the responses; None without any.
+    static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
     """
 
     parameters: ParameterSet
@@ -180,6 +181,7 @@ class FitResult:
     robot: Robot | None = None
     equations: ModelSpec | None = None
     static: StaticAgreement | None = None
+    tool: ToolAgreement | None = None
 
     def __post_init__(self) -> None:
         n_x = len(self.parameters.free)
@@ -415,15 +417,19 @@ class FitResult:
 
     @property
     def covariance_of_prediction(self) -> FloatArray:
-        """`covariance`, times the square of residuals over their noise where the model is wrong."""
-        return self.covariance * self.model_error**2 if self.exceeds_noise else self.covariance
+        """`covariance`, which holds what postures and bands disagree about; where no one cause explains a misfit, more.
+
+        Then it counts times the square of residuals over their noise.
+        """
+        is_explained = any(index.place == 1 and index.share > LONE_CAUSE for index in self.indices)
+        return self.covariance * self.model_error**2 if self.exceeds_noise and not is_explained else self.covariance
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Where the model is wrong, the numbers that would explain it, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
-        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a third to spare.
+        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             Doubt(

@@ -1,4 +1,4 @@
-"""StaticAgreement: static load tests next to the deflections that the responses alone predict."""
+"""StaticAgreement, ToolAgreement: load tests and responses at the tool next to what motor responses alone predict."""
 
 from __future__ import annotations
 
@@ -52,3 +52,51 @@ class StaticAgreement:
         if math.isfinite(self.ratio):
             text += f", {self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
         return text
+
+
+@dataclass(frozen=True)
+class ToolComparison:
+    """Responses by forces at the tool in one configuration, over those that the motors' responses alone predict.
+
+    motors: held, free or controlled while they were measured.
+    """
+
+    configuration: str
+    motors: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    rms_log_db: float = labelled("measured over predicted magnitude, rms", "dB")
+
+
+@dataclass(frozen=True)
+class ToolAgreement:
+    """Responses at the tool over those by the motors' responses alone, and whether both can be of one robot.
+
+    ratio, ratio_std: of the magnitudes.  chi_square: with the errors of both, of `dof` real numbers that count; 1 per
+    number where they agree.  cause: the likeliest one in words where they disagree by more than chance, else empty.
+    is_misread: it is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
+    """
+
+    responses: tuple[ToolComparison, ...] = labelled(rows=True)
+    ratio: float = math.nan
+    ratio_std: float = math.nan
+    chi_square: float = 0.0
+    dof: int = 0
+    cause: str = ""
+    is_misread: bool = False
+
+    @property
+    def disagrees(self) -> bool:
+        """True if tool and motors show different robots by more than chance."""
+        return bool(self.cause)
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        rms = math.sqrt(self.chi_square / max(self.dof, 1))
+        many = len(self.responses) > 1
+        count = f"{len(self.responses)} responses at the tool are" if many else "1 response at the tool is"
+        return (
+            f"{count} {rms:.3g} times {'their' if many else 'its'} std from what those of the motors allow, rms, "
+            f"{self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
+        )

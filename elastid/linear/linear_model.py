@@ -23,7 +23,7 @@ from numpy.polynomial import polynomial
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.errors import check_theta, index_of
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
 from elastid.robot import Chain, gain_name
 
 # The one element between command and torque.
@@ -101,11 +101,16 @@ def sensor_elements(chain: Chain) -> tuple[Element, ...]:
 DELAY = "delay"
 
 
+def is_load(place: str) -> bool:
+    """True of a force or a torque at a frame: `force tool x`."""
+    return place.startswith(("force ", "torque "))
+
+
 @frozen_value
 class Slope:
     """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.
 
-    C, T (n_y, n): of the outputs.
+    C, T (n_y, n): of the outputs.  B (n, n_u): of forces and torques at frames.
     """
 
     M: FloatArray | None = None
@@ -113,6 +118,7 @@ class Slope:
     K: FloatArray | None = None
     C: FloatArray | None = None
     T: FloatArray | None = None
+    B: FloatArray | None = None
 
 
 @frozen_value
@@ -124,7 +130,7 @@ class LinearModel:
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
     contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
-    and rad.  Link side, SI.
+    and rad.  motors, loop: of a `FrequencyResponse`, already in M, D, K.  Link side, SI.
     """
 
     configuration: Configuration
@@ -145,6 +151,8 @@ class LinearModel:
     gains: tuple[str, ...] = ()
     hold: HeldTorque | None = None
     sliding: tuple[str, ...] = ()
+    motors: Motors = "free"
+    loop: JointLoop | None = None
 
     def __post_init__(self) -> None:
         """Check shapes; without T no output is an accelerometer."""
@@ -172,8 +180,13 @@ class LinearModel:
 
     @cached_property
     def moved_outputs(self) -> tuple[str, ...]:
-        """The parameters that move C or T."""
-        return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)
+        """The parameters that move C, T or B."""
+        return tuple(name for name, s in self.slopes.items() if any(part is not None for part in (s.C, s.T, s.B)))
+
+    @property
+    def is_delayed(self) -> bool:
+        """True if inputs are torques of motors, to which the delay and the elements of the chain belong."""
+        return not any(is_load(place) for place in self.inputs)
 
     def number(self, theta: FloatArray, name: str) -> float:
         """The value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
@@ -199,6 +212,14 @@ class LinearModel:
             C += 0.0 if slope.C is None else change * slope.C
             T += 0.0 if slope.T is None else change * slope.T
         return C, T
+
+    def acting(self, theta: FloatArray) -> FloatArray:
+        """B (n, n_u) at theta (n_theta,) in SI."""
+        moved = [(name, self.slopes[name].B) for name in self.moved_outputs]
+        change = [
+            (self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in moved if dB is not None
+        ]
+        return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
     def with_outputs(self, rows: Sequence[int]) -> LinearModel:
         """The same with some of its outputs, by their places."""

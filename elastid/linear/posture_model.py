@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -26,19 +26,8 @@ from elastid.linear.posture_answers import Axes, FrameStiffness, PostureModes, R
 from elastid.linear.response.transfer import checked_frequencies, frequency_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.parameters import ParameterSet
-from elastid.record import MOTION_ORDER, HeldTorque
+from elastid.record import MOTION_ORDER, HeldTorque, JointLoop, Motors
 from elastid.response import FrequencyResponse
-
-Motors: TypeAlias = Literal["held", "free", "controlled"]
-
-
-@frozen_value
-class JointLoop:
-    """Feedback u = -(kp + kd s) (1 + ki / s) y of each motor; kp, kd, ki (n_u,), link side, SI."""
-
-    kp: FloatArray
-    kd: FloatArray
-    ki: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

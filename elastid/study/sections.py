@@ -15,6 +15,7 @@ from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.channels import Places, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.tool import ToolSpec
 from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
@@ -63,6 +64,9 @@ class Study:
     loads: Annotated[LoadsSpec | None, Key("Static load tests, whose deflections are fitted together with the "
         "responses.", "where springs of the wrist, which motors barely move, are to be known, or the stiffness at rest "
         "compared with that in motion.")] = None
+    tool: Annotated[ToolSpec | None, Key("Responses by forces at the tool, of a hammer or a shaker, that are fitted "
+        "together with those of the motors.", "where springs of the wrist, which motors barely move, are to be known: "
+        "a few taps in two postures make their intervals many times narrower.")] = None
     gears: Annotated[GearsSpec | None, Key("Search for what the gears do besides being springs: friction before and "
         "behind them and by load, stiffness by torque, hysteresis, transmission error, ripple.", "{} makes the stage "
         "gears run after the fit, whose stiffnesses are then those at zero torque; it takes about as long as "

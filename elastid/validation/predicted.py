@@ -19,7 +19,6 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.propagation import LEVEL
 from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.result import FitResult
-from elastid.linear.posture_model import Motors
 from elastid.response import FrequencyResponse
 
 # 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
@@ -32,6 +31,7 @@ class PredictedResponse:
 
     pointwise, simultaneous (F, n_y, n_u): distances from the prediction within which the truth is with 95 %, at each
     line and at all lines of an element.  std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
+    is_fitted: the response was fitted, together with those of the motors.
     """
 
     measured: FrequencyResponse
@@ -41,6 +41,7 @@ class PredictedResponse:
     simultaneous: FloatArray = labelled("95 % of the truth, all lines")
     motors: str
     by: str
+    is_fitted: bool = False
 
     @property
     def configuration(self) -> str:
@@ -81,16 +82,16 @@ class PredictedResponse:
 
 
 def predict_response(
-    result: FitResult,
-    measured: FrequencyResponse,
-    motors: Motors = "free",
-    modelled: FrequencyResponse | None = None,
+    result: FitResult, measured: FrequencyResponse, modelled: FrequencyResponse | None = None, is_fitted: bool = False
 ) -> PredictedResponse:
-    """The prediction of a response; modelled: of the fitted model with the measurement's own dynamics, if it has any.
+    """The prediction of a response, its motors as they were.
+
+    modelled: of the fitted model with the measurement's own dynamics, if it has any.
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
-    asked = Asked(measured.inputs, measured.outputs, motors, quantity=measured.quantity)
+    motors, drives = measured.motors, measured.loop
+    asked = Asked(measured.inputs, measured.outputs, motors, quantity=measured.quantity, controller=drives)
     family = result.family(asked, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
@@ -98,7 +99,14 @@ def predict_response(
     size = np.abs(H)
     predicted = replace(band.response, G=H * band.G, configuration=measured.configuration)
     return PredictedResponse(
-        measured, predicted, size * band.std, size * band.pointwise, size * band.simultaneous, motors, band.by
+        measured,
+        predicted,
+        size * band.std,
+        size * band.pointwise,
+        size * band.simultaneous,
+        motors,
+        band.by,
+        is_fitted,
     )
 
 

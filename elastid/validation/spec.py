@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
-from elastid.experiment.specs.recorded import ResponsesSpec
-
-
-@section
-class ToolSpec:
-    """Responses at the tool, of a hammer or a shaker there: predicted, and compared with the measurement."""
-
-    # fmt: off
-    responses: Annotated[ResponsesSpec, Key("Files of the responses and their channels: role u at `force tool x`, role "
-        "y at `frame tool x` or `accelerometer tool x`.", "one file for each posture that was tapped, in any of the "
-        "formats; the postures need not have been measured otherwise.")]
-    motors: Annotated[Literal["held", "free"], Key("Motors while it was measured: `held` by brakes, or `free`.",
-        "free where drives hold the robot by a soft loop far below the lines.")] = "held"
-    # fmt: on
+from elastid.experiment.specs.tool import ToolSpec
 
 
 @section
@@ -34,7 +21,8 @@ class ValidationSpec:
         "more fit; 0 for no cross-validation.", "3 to 5 where parameters are to be compared between parts of the data; "
         "each costs a fit.")] = 0
     tool: Annotated[ToolSpec | None, Key("Responses measured at the tool, which the fitted robot predicts.", "where "
-        "the model is to say how the tool behaves: a few taps with a hammer show whether it does.")] = None
+        "the model is to say how the tool behaves: a few taps with a hammer show whether it does; taps under the "
+        "section tool are fitted, too.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -9,8 +9,14 @@ import numpy as np
 import elastid as ei
 
 
-def measured(robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str, Sequence[float]], freq_hz, noise=0.01):
-    """Responses of a robot with the numbers of `truth`: elements with so much relative noise, and its covariance."""
+def measured(
+    robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str, Sequence[float]], freq_hz, noise=0.01,
+    of_largest=False,
+):  # fmt: skip
+    """Responses of a robot with the numbers of `truth`: elements with so much relative noise, and its covariance.
+
+    of_largest: relative to the largest element of a line, in whose noise small ones drown.
+    """
     model, rng = ei.formulate(robot, ei.ModelSpec()), np.random.default_rng(0)
     theta = np.array([truth.get(name, value) for name, (value, _) in robot.parameters().items()])
     responses = []
@@ -18,7 +24,8 @@ def measured(robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str,
         posture = ei.Configuration(name, tuple(angles))
         linear = ei.linearise(model, posture, theta, robot.motor_locations, "acceleration")
         G = ei.frequency_response(linear, np.append(theta, 0.0), freq_hz)
-        std = noise * np.abs(G)
+        size = np.abs(G)
+        std = noise * (np.broadcast_to(size.max(axis=(1, 2), keepdims=True), G.shape) if of_largest else size)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         names, known = robot.motor_locations, ei.Covariance(std**2, np.inf)
         responses.append(ei.FrequencyResponse(freq_hz, G, names, names, "acceleration", posture, total=known))

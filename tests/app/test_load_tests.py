@@ -30,6 +30,18 @@ validation:
         - {role: y, at: frame tool y, quantity: acceleration, column: 1}
       relative_std: 0.02
 """
+TAPPED = """\
+tool:
+  motors: controlled
+  stiffness: [40]
+  damping: [0.02 N*m*s/rad]
+  responses:
+    files: [{path: tapped.csv, configuration: a}]
+    channels:
+      - {role: u, at: force tool y, quantity: force, column: 1}
+      - {role: y, at: frame tool y, quantity: acceleration, column: 1, sign: -1}
+    relative_std: 0.02
+"""
 CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [um]\nb,10,0,0,1,0,0,,1\n"
 
 
@@ -41,15 +53,19 @@ def write(tiny: Path, further: str = LISTED + TOOL, csv: str = CSV) -> Path:
     f = np.linspace(5, 80, 60)
     s = 2j * np.pi * f
     G = s**2 * 0.4**2 / (1e-3 * s**2 + 0.01 * s + 60)
-    rows = np.column_stack([f, G.real, G.imag])
-    np.savetxt(tiny.parent / "hammer.csv", rows, delimiter=",", header="freq_hz,re_1_1,im_1_1", comments="")
+    # The motor turns, too: 1e-3 s^2 + 1e-3 s, its drive, and the spring to the load.
+    spring, drive = 0.01 * s + 60, 1e-3 * s**2 + 1e-3 * s + 0.02 * s + 40
+    controlled = s**2 * 0.4**2 / (1e-3 * s**2 + spring - spring**2 / (drive + spring))
+    for name, response in (("hammer", G), ("tapped", -controlled)):
+        rows = np.column_stack([f, response.real, response.imag])
+        np.savetxt(tiny.parent / f"{name}.csv", rows, delimiter=",", header="freq_hz,re_1_1,im_1_1", comments="")
     return tiny
 
 
 @pytest.mark.slow
 def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The simulated rig measures the deflections; the hammer's response is predicted; both are on the page."""
-    path = write(tiny)
+    path = write(tiny, LISTED + TOOL + TAPPED)
     folder = tiny.parent / "run"
     assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
     summary = json.loads((folder / "summary.json").read_text())
@@ -61,11 +77,17 @@ def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.Capture
     assert abs(loads["readings"][0]["measured"] - 0.4 * np.sin(turned)) < 5e-6
     assert loads["cause"] == ""
     predictions = json.loads((folder / "validation.json").read_text())["predictions"]
-    assert [(each["configuration"], each["motors"]) for each in predictions] == [("b", "free"), ("b", "held")]
-    assert predictions[1]["inside"] > 0.9
+    keys = [(each["configuration"], each["motors"], each["is_fitted"]) for each in predictions]
+    assert keys == [("b", "free", False), ("b", "held", False), ("a", "controlled", True)]
+    assert min(each["inside"] for each in predictions[1:]) > 0.9
+    at_tool = summary["tool_responses"]
+    assert at_tool["cause"] == ""
+    assert abs(at_tool["ratio"] - 1) < 3 * at_tool["ratio_std"]
+    assert [each["configuration"] for each in at_tool["responses"]] == ["a at the tool"]
     page = (folder / "report.html").read_text()
     assert "Predicted where it was not fitted" in page
     assert "static load tests" in page
+    assert "Responses at the tool that were fitted" in page
     assert "predicted: b, motors held: frame tool y by force tool y" in " ".join(capsys.readouterr().out.split())
 
 
@@ -93,7 +115,17 @@ def test_faults_in_the_study_are_named(tiny: Path) -> None:
     """A frame, a file and a channel that are not there."""
     wrong = (LISTED + TOOL).replace("force tool y", "force hook y").replace("hammer.csv", "hamer.csv")
     wrong = wrong.replace("std: 1 um}", "std: 1 um, frame: hok}")
+    wrong += (
+        TAPPED.replace("[40]", "[40, 50]")
+        .replace("[0.02 N*m*s/rad]", "[0.02, 0.03]")
+        .replace("frame tool y", "motor 1")
+    )
     with pytest.raises(StudyError) as error:
         load_study(write(tiny, wrong))
-    for words in ("frame or body is called 'hok'", "no such file", "no input is called 'force hook y'"):
+    for words in (
+        "frame or body is called 'hok'",
+        "no such file",
+        "no input is called 'force hook y'",
+        "2 drives, and robot",
+    ):
         assert words in str(error.value), str(error.value)

@@ -61,6 +61,18 @@ def test_example_17_finds_where_an_arm_is_soft_and_where_it_chatters() -> None:
     assert mill["gain"] == pytest.approx(25.3, rel=0.05)
 
 
+@pytest.mark.slow
+def test_example_20_knows_a_wrist_by_weights() -> None:
+    """From 8 to 0.7 %, all within three standard deviations of the truth."""
+    weighed = example("ex20_load_tests")
+    assert not weighed["both"].static.disagrees
+    without, with_loads = weighed["relative"]["k_3"]
+    assert without == pytest.approx(0.081, rel=0.1)
+    assert with_loads == pytest.approx(0.007, rel=0.1)
+    for name, (_, std) in weighed["relative"].items():
+        assert abs(weighed["both"].values[name] / weighed["truth"][name] - 1) < 3 * std, name
+
+
 def test_example_18_finds_the_modes_of_three_masses() -> None:
     """Shapes with a MAC of 0.999 and more, and a state-space model of six states."""
     found = example("ex19_modes_of_a_structure")

@@ -14,8 +14,8 @@ from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult, ModificationIndex
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.linear.posture_model import JointLoop
 from elastid.model.spec import ModelSpec
+from elastid.record import JointLoop
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Payload, Placement, Robot, Spring
 
 ANGLES = np.array([0.2, 0.9])

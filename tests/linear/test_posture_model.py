@@ -9,7 +9,8 @@ import pytest
 from plants.predicted_arm import result
 
 from elastid.base.errors import StudyError
-from elastid.linear.posture_model import Doubt, JointLoop
+from elastid.linear.posture_model import Doubt
+from elastid.record import JointLoop
 
 ANGLES = [0.3, 0.7]
 

@@ -31,13 +31,13 @@ def hammer(std: float = 0.0, seed: int = 0) -> FrequencyResponse:
     noise = Covariance((std * np.abs(G)) ** 2, np.inf) if std else None
     return FrequencyResponse(
         LINES, G + error, ("force tool x", "force tool z"), ("frame tool x", "frame tool z"), "acceleration", WHERE,
-        noise=noise,
+        noise=noise, motors="held",
     )  # fmt: skip
 
 
 def test_a_hammer_response_is_the_closed_form() -> None:
     """Without noise the prediction at the true numbers is the measurement, to rounding."""
-    each = predict_response(result(), hammer(), "held")
+    each = predict_response(result(), hammer())
     np.testing.assert_allclose(each.predicted.G, each.measured.G, rtol=1e-8)
     assert each.inside == 1.0
     assert each.rms_log_db < 1e-6
@@ -51,7 +51,7 @@ def test_both_bands_hold_what_they_say() -> None:
     for seed in range(20):
         fit, rng = result(), np.random.default_rng(seed)
         off = replace(fit, x=fit.x + np.linalg.cholesky(fit.covariance) @ rng.standard_normal(len(fit.x)))
-        shares.append(predict_response(off, hammer(0.05, seed), "held").inside)
+        shares.append(predict_response(off, hammer(0.05, seed)).inside)
     assert 0.9 < np.mean(shares) < 0.999
 
 
@@ -59,7 +59,7 @@ def test_a_wrong_robot_is_outside() -> None:
     """A stiffness that is 30 % off, stated to 2 %."""
     fit = result()
     off = replace(fit, x=fit.x + 0.3 * np.array([name.startswith("k") for name in fit.parameters.free_names]))
-    assert predict_response(off, hammer(0.02), "held").inside < 0.6
+    assert predict_response(off, hammer(0.02)).inside < 0.6
 
 
 def test_a_response_of_motors_has_its_chain() -> None:
@@ -69,7 +69,7 @@ def test_a_response_of_motors_has_its_chain() -> None:
     linear = linearise(model, WHERE, model.theta, names, "acceleration")
     plain = to_response(linear, linear.theta_ref, LINES)
     late = replace(plain, G=plain.G * np.exp(-2j * np.pi * LINES[:, None, None] * 1e-3))
-    each, prompt = predict_response(result(), late, "free", late), predict_response(result(), plain, "free", plain)
+    each, prompt = predict_response(result(), late, late), predict_response(result(), plain, plain)
     np.testing.assert_allclose(each.predicted.G, late.G, rtol=1e-9)
     np.testing.assert_allclose(each.pointwise, prompt.pointwise, rtol=1e-9)
 
@@ -77,4 +77,4 @@ def test_a_response_of_motors_has_its_chain() -> None:
 def test_places_that_the_robot_lacks_are_refused() -> None:
     """A frame of another robot."""
     with pytest.raises(StudyError, match="no frame hook"):
-        predict_response(result(), replace(hammer(), inputs=("force hook x", "force tool z")), "held")
+        predict_response(result(), replace(hammer(), inputs=("force hook x", "force tool z")))

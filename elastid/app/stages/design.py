@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from elastid.app.console import Console, forecast_table
+from elastid.app.load_tests import named_configurations
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
@@ -20,6 +21,8 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.fit.load_tests import LoadsSpec
+from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
@@ -44,6 +47,7 @@ def design(
     quantity: Motion,
     friction: Friction,
     left_out: tuple[str, ...],
+    loads: LoadsSpec | None,
     files: Path,
     work: Work,
 ) -> Artefacts:
@@ -56,7 +60,8 @@ def design(
         raise StudyError("excitation: this section is needed to design an experiment")
     measured, fitted_values, like = _earlier_measurements(design, files)
     study = robot, excitation, experiment, fit, quantity, seed, design, left_out
-    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction)
+    tests = placed_tests(loads.tests, named_configurations(experiment)) if loads is not None else ()
+    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction, loads=tests)
     carrier = experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)

@@ -21,6 +21,7 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
+from elastid.experiment.specs.tool import ToolSpec
 from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
@@ -178,6 +179,17 @@ def imported_responses(
                 raise DataError(f"{path}: none of its lines lies in band_hz, {low:g} to {high:g} Hz")
             response = response.lines(inside)
         yield replace(response, notes=(*response.notes, *channel_notes(response)))
+
+
+def tool_responses(
+    tool: ToolSpec | None, robot: Robot, experiment: ExperimentSpec, estimator: EstimatorSpec, files: Path
+) -> list[FrequencyResponse]:
+    """The responses by forces at the tool, whatever rig measured the others."""
+    if tool is None:
+        return []
+    own = replace(experiment, simulated=None, recorded=None, responses=tool.responses)
+    measured = imported_responses(robot, robot, own, replace(estimator, band_hz=None), files)
+    return [replace(G, motors=tool.motors, loop=tool.loop) for G in measured]
 
 
 def _of_another_run(

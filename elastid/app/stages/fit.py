@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from elastid.app.console import Console, parameter_table
 from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.load_tests import tests_of
 from elastid.app.run import Run
+from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.tool import ToolSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.load_tests import LoadsSpec
+from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.nonlinear.result import FrictionTakenOut
@@ -42,6 +47,9 @@ def fit(
     seeded_fit: FitSpec,
     seed: int,
     loads: LoadsSpec | None,
+    tool: ToolSpec | None,
+    estimator: EstimatorSpec,
+    files: Path,
     left_out: tuple[str, ...],
     estimate_file: Path,
     work: Work,
@@ -53,10 +61,15 @@ def fit(
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
     fitted = [response for response in responses if response.configuration.name not in left_out]
     tests = tests_of(loads, robot, experiment, responses, seed)
+    tapped = [
+        replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
+        for G in tool_responses(tool, robot, experiment, estimator, files)
+        if G.configuration.name not in left_out
+    ]
     unfinished = work.checkpoint()
     try:
         with work.execution(unfinished) as execution:
-            result = identify(fitted, robot, seeded_fit, model=model, execution=execution, loads=tests)
+            result = identify([*fitted, *tapped], robot, seeded_fit, model=model, execution=execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(name, seeded_fit.starts, str(error)))}, error=error)
     except Interrupted as stop:
@@ -68,7 +81,7 @@ def fit(
         agreement(m, G, m.configuration.name in left_out)
         for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
-    notes = [note for response in responses for note in response.notes]
+    notes = [note for response in (*responses, *tapped) for note in response.notes]
     rows = fitted_rows(robot, experiment, seeded_fit, result, friction)
     content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
@@ -77,6 +90,8 @@ def fit(
         console.say(f"fit: {result.message}")
         if result.static is not None:
             console.say(f"fit: {result.static.words}")
+        if result.tool is not None:
+            console.say(f"fit: {result.tool.words}")
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in robot_files(name, robot, result, friction, names)}

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.stages.estimate import imported_responses
+from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -19,6 +19,7 @@ from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.tool import ToolSpec
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
@@ -71,6 +72,7 @@ def validate(
     seeded_fit: FitSpec,
     estimator: EstimatorSpec,
     validation: ValidationSpec,
+    tool: ToolSpec | None,
     estimate_file: Path,
     fit_file: Path,
     files: Path,
@@ -98,14 +100,15 @@ def validate(
     with work.execution(unfinished) as execution:
         replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution)
         judged = _validation(own, replays, execution)
-    at_tool = tool_responses(robot, experiment, validation, estimator, files)
-    judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool_predicted(own, at_tool)))
+    at_tool = at_tool_predicted(own, tool_responses(validation.tool, robot, experiment, estimator, files))
+    tapped = at_tool_predicted(own, tool_responses(tool, robot, experiment, estimator, files), is_fitted=True)
+    judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool, *tapped))
     balances = twin.balances
 
     def report(console: Console) -> None:
         console.say(f"validate: {judged.verdict}")
         for prediction in judged.predictions:
-            console.say(f"validate: predicted: {prediction.words}")
+            console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         further = [judged.folded, judged.cost, judged.replayed]
         if balances:
             further.append(describe_balance(max(balances, key=lambda balance: balance.left)))
@@ -151,27 +154,22 @@ def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
     """The configurations that were not fitted, by the code that predicts any posture."""
     pairs = zip(own.responses, own.fitted.responses, strict=True)
     return tuple(
-        predict_response(own.fitted.result, Ghat, "free", G)
+        predict_response(own.fitted.result, Ghat, G)
         for Ghat, G in pairs
         if Ghat.configuration.name in own.spec.left_out and own.fitted.result.robot is not None
     )
 
 
-def at_tool_predicted(own: Validated, measured: Sequence[FrequencyResponse]) -> tuple[PredictedResponse, ...]:
-    """Records at the tool, with their predictions."""
-    if own.spec.tool is None:
-        return ()
-    return tuple(predict_response(own.fitted.result, Ghat, own.spec.tool.motors) for Ghat in measured)
-
-
-def tool_responses(
-    robot: Robot, experiment: ExperimentSpec, validation: ValidationSpec, estimator: EstimatorSpec, files: Path
-) -> list[FrequencyResponse]:
-    """The responses of `validation.tool`, whatever rig measured the others."""
-    if validation.tool is None:
-        return []
-    own = replace(experiment, simulated=None, recorded=None, responses=validation.tool.responses)
-    return list(imported_responses(robot, robot, own, replace(estimator, band_hz=None), files))
+def at_tool_predicted(
+    own: Validated, measured: Sequence[FrequencyResponse], is_fitted: bool = False
+) -> tuple[PredictedResponse, ...]:
+    """Responses at the tool with their predictions; is_fitted: but for configurations that were left out."""
+    tool = own.fitted.result.tool
+    counted = is_fitted and tool is not None and not tool.disagrees
+    return tuple(
+        predict_response(own.fitted.result, G, is_fitted=counted and G.configuration.name not in own.spec.left_out)
+        for G in measured
+    )
 
 
 def _folds(own: Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:

@@ -39,7 +39,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.problem.elastic import Part, at_measured_places, mixed
+from elastid.fit.problem.elastic import Part, at_measured_places, mixed, places_of
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
@@ -115,14 +115,14 @@ class HeldModel:
         own = theta[: len(self.linearisation.model.parameters)]
 
         def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
-            model = linearisation.at(configuration, own, measured.outputs, measured.quantity)
+            model = linearisation.at(configuration, own, places_of(measured), measured.quantity)
             return at_measured_places(model, measured)
 
         model = model_at(measured.configuration, self.linearisation)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
-            stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCT"}
+            stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCTB"}
             slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
         step = 1e-5  # rad, of finite differences
         for place, joint in enumerate(self.linearisation.model.robot.driven):
@@ -186,14 +186,20 @@ def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
     """d / d angle of two models, in coordinates of the second that turn with the first's and have its inputs."""
     Z, Z_moved = (np.eye(m.n) if m.Z is None else m.Z for m in (model, moved))
     W = np.linalg.lstsq(Z_moved, Z)[0]
-    W += np.linalg.pinv(moved.B.T) @ (model.B.T - moved.B.T @ W)
+    if model.is_delayed:  # B of motors stays; a force at a frame turns with it
+        W += np.linalg.pinv(moved.B.T) @ (model.B.T - moved.B.T @ W)
 
     def slope(before: FloatArray, after: FloatArray) -> FloatArray | None:
         change = (after - before) / step
         return change if np.any(np.abs(change) > 1e-9 * max(np.abs(before).max(initial=0.0), 1e-300)) else None
 
     pairs = [(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"]
-    return Slope(*(slope(*pair) for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W))))
+    return Slope(
+        *(
+            slope(*pair)
+            for pair in (*pairs, (model.C, moved.C @ W), (model.tilt, moved.tilt @ W), (model.B, W.T @ moved.B))
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)

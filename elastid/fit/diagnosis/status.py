@@ -12,7 +12,7 @@ By a number that the fit held, or a spring that the robot's file lacks, where al
 the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
 noise, by `drop`, and moves a parameter by `effect` of its standard deviations.
 
-By static load tests that contradict the responses (`static_loads`).
+By static load tests, or responses at the tool, that contradict those of the motors (`static_loads`, `tool_side`).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
+from elastid.fit.diagnosis.tool_side import tool_contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.parameters import ParameterSet
 from elastid.response import BENT, NOT_STRAIGHT
@@ -103,6 +104,8 @@ def with_status(evidence: Evidence) -> FitResult:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
     if result.static is not None and result.static.disagrees:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{contradiction(result.static)}")
+    if result.tool is not None and result.tool.disagrees:
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{tool_contradiction(result.tool)}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"

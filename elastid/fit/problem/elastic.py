@@ -23,9 +23,10 @@ from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_met
 from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
-from elastid.linear.linear_model import LinearModel
+from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.ports import acted_on, moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
@@ -266,11 +267,18 @@ def elastic_fit(
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
-    for kind, wanted, known in (("input", response.inputs, model.inputs), ("output", response.outputs, model.outputs)):
+    loads = {moved_by(name) for name in response.inputs if is_load(name)}
+    known_inputs = (
+        *model.inputs,
+        *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
+    )
+    for kind, wanted, known in (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs)):
         if missing := ", ".join(name for name in wanted if name not in known):
             has_not = f"the response has the {kind} {missing}, which the model has not"
             there = ", ".join(known) or "none"
             raise StudyError(f"configuration {response.configuration.name}: {has_not}; there are {there}")
+    if loads and model.inputs != response.inputs:
+        model = acted_on(model, response.inputs, response.motors, response.loop)
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
     return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
@@ -278,8 +286,13 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearM
 
 def linear_model(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> LinearModel:
     """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
-    model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+    model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity)
     return at_measured_places(model, response)
+
+
+def places_of(response: FrequencyResponse | LinearModel) -> tuple[str, ...]:
+    """The outputs of a response, and the motions on which its forces at frames work."""
+    return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
 def moved_posture(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> ComplexArray | None:
@@ -299,7 +312,8 @@ def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray)
     moved, theta = parameters.moved(model.configuration.name), parameters.expand(parameters.x, model.configuration.name)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
-    return Kernel(replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes), freq_hz, moved)
+    here = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
+    return Kernel(here, freq_hz, moved)
 
 
 def _part(

@@ -7,7 +7,8 @@ another solve (plain transposes):
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
 Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves
-an output adds c dC X. Gains of channels multiply all of it element by element. Letters as in `transfer`.
+an output adds c dC X, and one that moves a force c W^T dB. Gains of channels multiply all of it element by element.
+Letters as in `transfer`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class Products(NamedTuple):
     """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
 
     YX (F, m, n_d), right sides b: the columns of B first, then others, `Kernel.output_columns` gives the one of
-    each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
+    each output.  moved (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] of each of
+    `Kernel.moved_outputs`.
     """
 
     block: slice
@@ -205,7 +207,8 @@ class Kernel:
     @cached_property
     def factors(self) -> tuple[str, ...]:
         """The wanted parameters that do not move Z but multiply the response: delay, elements of the chain, gains."""
-        known = (DELAY, *(element.name for element in self.model.chain), *self.model.gains)
+        delay = (DELAY,) if self.model.is_delayed else ()
+        known = (*delay, *(element.name for element in self.model.chain), *self.model.gains)
         return tuple(name for name in self.wanted if name in known)
 
     def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray | FloatArray]]:
@@ -234,7 +237,7 @@ class Kernel:
 
     @cached_property
     def moved_outputs(self) -> tuple[str, ...]:
-        """The wanted parameters that move C or T: geometry between the springs and a sensor."""
+        """The wanted parameters that move C, T or B: geometry between the springs and a sensor or a force."""
         moved = self.model.moved_outputs
         return tuple(name for name in self.wanted if name in moved)
 
@@ -242,7 +245,7 @@ class Kernel:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
-        right = np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[tilted]])
+        right = np.column_stack([*self.model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
         gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
@@ -260,8 +263,10 @@ class Kernel:
                 YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
             readings = np.zeros((len(self.moved_outputs), len(s), n_y, n_u), complex)
             if self.moved_outputs:
-                dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
-                readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
+                rows = moved[:, :, n_t : n_t + 2 * n_y * len(readings)]
+                dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
+                by_B = self._moved_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
+                readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G = G.swapaxes(1, 2)
             if gains is not None:
                 G, readings = gains * G, gains * readings
@@ -269,9 +274,21 @@ class Kernel:
 
     @cached_property
     def _moved_rows(self) -> tuple[FloatArray, ...]:
-        """dC^T and dT^T (n, n_y) of each of `moved_outputs`."""
+        """dC^T and dT^T (n, n_y) of each of `moved_outputs`, then dB (n, n_u) of those that move a force."""
         zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.moved_outputs]
-        return tuple((zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T))
+        rows = [(zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T)]
+        return (*rows, *(slope.B for slope in slopes if slope.B is not None))
+
+    def _moved_columns(self, solved: ComplexArray, s: ComplexArray) -> ComplexArray:
+        """(C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with the columns of all dB (F, m, n_dB n_u)."""
+        model, sides = self.model, self._sides
+        moves = [model.slopes[name].B is not None for name in self.moved_outputs]
+        added = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)
+        if any(moves):
+            rows = solved[:, sides.columns]
+            rows[:, sides.tilted] += solved[:, sides.tilts] / s[:, None, None] ** 2
+            added[moves] = rows.reshape(*rows.shape[:2], sum(moves), -1).transpose(2, 0, 1, 3)
+        return added
 
     @cached_property
     def _solver(self) -> Leaves | Elimination:
@@ -315,11 +332,19 @@ class Kernel:
         """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
         model = self.model
         moved = [model.slopes[name] for name in model.moved_outputs]
-        C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)
+        none = Slope(C=np.zeros(model.C.shape), B=np.zeros(model.B.shape))
+        C, B = (
+            np.array(
+                [
+                    getattr(model, letter),
+                    *(getattr(s if getattr(s, letter) is not None else none, letter) for s in moved),
+                ]
+            )
+            for letter in "CB"
+        )
         T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
-        still = np.zeros((C.shape[1] - 1, model.n))
-        directions, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
-        for row, direction in enumerate(C):
+        directions, extra, columns = list(B.transpose(2, 0, 1)), [], []
+        for row, direction in enumerate(C.transpose(1, 0, 2)):
             same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
             if not same:
                 directions.append(direction)

@@ -34,7 +34,7 @@ from elastid.response import FrequencyResponse
 
 def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
     """c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
-    delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
+    delay = model.number(theta, DELAY) if DELAY in model.parameters and model.is_delayed else 0.0
     c = s ** MOTION_ORDER[model.quantity]
     if delay:
         c = c * np.exp(-s * delay)
@@ -176,7 +176,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     freq_hz = checked_frequencies(freq_hz)
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
-    X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
+    X = np.linalg.solve(s**2 * M + s * D + K, model.acting(theta).astype(complex))
     C, T = model.readout(theta)
     G = np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2)
     for images in hold_images(model, freq_hz):
@@ -208,4 +208,6 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
-    return FrequencyResponse(lines, G, *places, sliding=model.sliding, hold=model.hold)
+    return FrequencyResponse(
+        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop
+    )

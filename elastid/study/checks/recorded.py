@@ -8,6 +8,7 @@ from pathlib import Path
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, channel_refusal
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.tool import ToolSpec
 from elastid.recorded.files.formats import is_log
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
@@ -76,8 +77,10 @@ def check_files(
             yield Problem((*path, "files", i, "configuration"), "this key is required", at_key=True)
         elif file.configuration and file.configuration not in configurations:
             yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, configurations)
+    tools = filter(None, (study.tool, study.validation.tool))
+    tapped = {file.configuration for tool in tools for file in tool.responses.files}
     for name in configurations:
-        if name not in {file.configuration for file in files} and not is_friction:
+        if name not in {file.configuration for file in files} | tapped and not is_friction:
             message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
@@ -91,23 +94,32 @@ def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
 
 def check_tool(study: Study, base: Path) -> Iterator[Problem]:
     """Files of responses at the tool exist, in configurations of the study, with inputs that its frames take."""
-    tool = study.validation.tool
-    if tool is None:
-        return
-    path: KeyPath = ("validation", "tool", "responses")
+    if study.validation.tool is not None:
+        yield from _check_tool(study, study.validation.tool, base, ("validation", "tool"))
+    if study.tool is not None:
+        yield from _check_tool(study, study.tool, base, ("tool",))
+
+
+def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
+    path: KeyPath = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_exists(base / file.path, (*path, "files", i, "path"))
         if file.configuration not in study.experiment.configurations:
             names = study.experiment.configurations
             yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, names)
     robot = study.as_robot()
-    inputs = robot.load_locations + (() if tool.motors == "held" else robot.motor_locations)
+    inputs = robot.load_locations
+    if tool.stiffness and len(tool.stiffness) != len(robot.driven):
+        message = f"{len(tool.stiffness)} drives, and robot {robot.name} has {len(robot.driven)}; give one for each"
+        yield Problem((*section, "stiffness"), message)
     for i, channel in enumerate(tool.responses.channels):
         place: KeyPath = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
             yield from check_place((*place, "at"), channel.at, robot)
+            if tool.motors == "held" and channel.at.startswith("motor "):
+                yield Problem((*place, "at"), f"{channel.at} does not move while the motors are held; leave it out")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]
             message = (

@@ -33,8 +33,8 @@ _FILES = "experiment.recorded.files.*."
 UNUSED = (
     Unused(_FRICTION, ("excitation", "design"), "friction is measured by passes and loops, not by {key}; drop this "
            "section, or friction"),
-    Unused(_FRICTION, ("estimator", "model", "fit", "compare", "loads"), "no stage of a study of friction uses {key}; "
-           "drop this section, or friction"),
+    Unused(_FRICTION, ("estimator", "model", "fit", "compare", "loads", "tool"), "no stage of a study of friction "
+           "uses {key}; drop this section, or friction"),
     Unused(_FRICTION, ("validation.folds", "validation.tool"), "a study of friction has no {key}; name logs in "
            "validation.left_out"),
     Unused(("friction",), ("validation.left_out",), "it names logs, and this experiment is simulated; drop this key"),
@@ -51,9 +51,8 @@ UNUSED = (
            "study has no robot or no records of one; drop this section"),
     Unused(("simulated", "recorded", "responses", *_FRICTION), ("modal",), "modes are found in responses without a "
            "robot; drop this section, or robot and fit"),
-    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "validation", "compare"), "this "
-           "section "
-           "needs a robot, and the study has none; give robot: its file, or drop the section"),
+    Unused(("frf", "frf-responses"), ("excitation", "design", "model", "fit", "loads", "tool", "validation", "compare"),
+           "this section needs a robot, and the study has none; give robot: its file, or drop the section"),
     Unused((*_LOGS, *_RESPONSES, "friction-recorded"), tuple(f"experiment.{key}" for key in PLAN_KEYS), "the "
            "experiment is {kind}: its files determine this; drop the key (files[].realisation numbers realisations, "
            "estimator.transient_periods leaves periods out)"),

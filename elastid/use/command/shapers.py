@@ -23,8 +23,8 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked
 from elastid.fit.result import FitResult
 from elastid.linear.equilibrium import rigid_posture
-from elastid.linear.posture_model import JointLoop, PostureModel
-from elastid.record import Configuration
+from elastid.linear.posture_model import PostureModel
+from elastid.record import Configuration, JointLoop
 from elastid.robot import Payload
 from elastid.simulation.controller import tune
 from elastid.use.command.replay import DAMPING_RATIO

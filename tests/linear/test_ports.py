@@ -1,0 +1,117 @@
+"""Forces at frames as inputs of a linear model: equations of their own, and derivatives by differences."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.elastic import kernel_of, linear_model
+from elastid.fit.spec import FitSpec
+from elastid.fit.tolerances import with_tolerances
+from elastid.linear.linearise import Linearisation
+from elastid.linear.ports import moved_by
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import EXACT
+from elastid.record import Configuration, JointLoop, Motors
+from elastid.response import FrequencyResponse
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring, Tolerances
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "studies"))
+from prediction_anywhere import outside_of
+
+LINES = np.linspace(3, 60, 30)
+TOOL = (0.5, 0.1, 0.05)
+ANGLES = np.array([0.3, -0.7])
+FORCES = ("force tool x", "force tool y", "force tool z")
+MOTIONS = tuple(map(moved_by, FORCES))
+
+
+def arm(tolerances: Tolerances | str = "exact") -> Robot:
+    """Two driven joints, and a spring across the second one."""
+    first = Joint("1", "z", Spring(3e5, 500), Motor(2.4e-3, 121, 1.5e-3))
+    second = Joint("2", "y", Spring(2e5, 300), Motor(2.0e-3, 121, 1.2e-3))
+    column = Body("column", joints=(first,), mass=150, center_of_mass=(0.1, 0, 0.15), inertia=(8, 8, 9))
+    link = Body(
+        "link", "column", Placement((0.2, 0, 0.3)), (second, Joint("2x", "x", Spring(4e5, 300))), 60, (0.3, 0, 0.05),
+        (0.8, 5, 5),
+    )  # fmt: skip
+    return Robot("arm", (column, link), frames=(Frame("tool", "link", Placement(TOOL)),), tolerances=tolerances)
+
+
+def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations of the tool (F, 3, 3), along its own axes, and of the motors (F, 2, 3), by forces on it."""
+    robot = outside_of(arm())
+    M, D, K, rest = robot.matrices(ANGLES)
+    n = len(robot.joints)
+    if loop is not None:
+        D[n:, n:] += np.diag(loop.kd)
+        K[n:, n:] += np.diag(loop.kp)
+    size = n if motors == "held" else len(M)
+    Jv, _, R = robot.jacobian(rest, n - 1, np.array(TOOL))
+    J = np.zeros((3, size))
+    J[:, :n] = R.T @ Jv
+    s = 2j * np.pi * LINES[:, None, None]
+    X = s**2 * np.linalg.inv(s**2 * M[:size, :size] + s * D[:size, :size] + K[:size, :size]) @ J.T
+    return J @ X, X[:, n:]
+
+
+def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | None = None) -> FrequencyResponse:
+    G = np.ones((len(LINES), len(outputs), 3), complex)
+    return FrequencyResponse(
+        LINES, G, FORCES, outputs, "acceleration", Configuration("tapped", ANGLES), motors=motors, loop=loop
+    )
+
+
+@pytest.mark.parametrize("motors", ["held", "free", "controlled"])
+def test_a_tapped_robot_is_that_of_equations_of_its_own(motors: Motors) -> None:
+    """To 1e-9 of the largest element: tool by force, and motor by force where these turn; a delay is no part of it."""
+    loop = JointLoop(np.array([3e5, 1e5]), np.array([2e3, 9e2]), np.zeros(2)) if motors == "controlled" else None
+    linearisation = Linearisation.of_robot(arm())
+    theta = np.append(linearisation.model.theta, 2e-3)
+    at_tool, at_motors = outside(motors, loop)
+    expected = [(MOTIONS, at_tool)] + [(("motor 1", "motor 2"), at_motors)] * (motors != "held")
+    for outputs, G in expected:
+        model = linear_model(linearisation, tapped(outputs, motors, loop), theta)
+        found = frequency_response(model, theta, LINES)
+        np.testing.assert_allclose(found, G, atol=1e-9 * np.abs(G).max())
+
+
+@pytest.mark.parametrize("outputs", [MOTIONS, ("motor 1", "accelerometer tool y")])
+def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str, ...]) -> None:
+    """To all numbers of the file within their tolerances, against differences of models linearised there."""
+    robot, spec = arm(Tolerances()), FitSpec()
+    parameters = with_tolerances(choose(spec, robot, ["tapped"]), robot, spec)
+    linearisation, response = Linearisation.of_robot(robot, EXACT, parameters.names), tapped(outputs)
+    theta = parameters.expand(parameters.x, "tapped")
+    kernel = kernel_of(linear_model(linearisation, response, theta), parameters, LINES)
+    assert any(slope.B is not None for slope in kernel.model.slopes.values())
+    G, dG = kernel.evaluate(theta)
+
+    def at(moved: np.ndarray) -> np.ndarray:
+        return frequency_response(linear_model(linearisation, response, moved), moved, LINES)
+
+    for name, slope in zip(kernel.wanted, dG, strict=True):
+        i = parameters.names.index(name)
+        h = 1e-6 * max(1e-2, abs(theta[i]))
+        step = h * np.eye(len(theta))[i]
+        numeric = (at(theta + step) - at(theta - step)) / (2 * h)
+        # An error of 1 % of the number, or 10 um, against 1e-5 of the response.
+        assert np.abs(numeric - slope).max() * max(1e-3, abs(theta[i])) < 1e-4 * np.abs(G).max(), name
+
+
+def test_a_linear_model_has_the_slopes_that_it_states() -> None:
+    """`acting` is B of a model linearised where one length is 0.1 mm longer, to first order."""
+    parameters = ("p_link_x",)
+    linearisation = Linearisation.of_robot(arm(), EXACT, parameters)
+    theta = np.append(linearisation.model.theta, 0.0)
+    model = linear_model(linearisation, tapped(MOTIONS, "held"), theta)
+    moved = theta.copy()
+    moved[model.parameters.index("p_link_x")] += 1e-4
+    there = linear_model(linearisation, tapped(MOTIONS, "held"), moved)
+    change = there.B - model.B
+    assert np.abs(change).max() > 5e-5
+    np.testing.assert_allclose(model.acting(moved) - model.B, change, atol=1e-3 * np.abs(change).max())
+    assert replace(model, slopes={}).acting(moved) is model.B
