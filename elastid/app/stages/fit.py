@@ -116,7 +116,7 @@ def conclude(run: Run) -> None:
     for line in _WITH_GEARS if explained else _answers(run, result, rows):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
-    run.console.say(", ".join(str(path) for path in files if path.exists()))
+    run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
