@@ -81,10 +81,13 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     above = _receptance_above(friction, m, n, record.rate_hz)
 
     def part_above(motion: Motion, cells: int) -> ComplexArray:
-        own = spectrum(record, motion, friction.taken_shapes(place))
-        torque = held[: n * cells // 2 + 1].copy()
-        torque[: len(own)] -= own[: len(torque)]
-        return np.asarray(torque * above[: len(torque)])
+        torque = spectrum(record, motion, friction.taken_shapes(place))
+        lines = n * cells // 2 + 1
+        if len(torque) < lines:  # the first on finer cells
+            torque = np.concatenate([torque, np.zeros(lines - len(torque), complex)])
+        np.subtract(held[:lines], torque, out=torque)
+        torque *= above[:lines]
+        return torque
 
     # To a tenth of the first error of the part above half the rate; most motions need 5 repetitions.
     start = part_above(motion, CELLS)

@@ -85,13 +85,10 @@ def amplitudes(
 def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
     """DFT (n cells // 2 + 1,), as of the n samples of whole periods, of a motor's friction: shapes, their levels."""
     n = whole_samples(record)
-    dft = np.zeros(n * motion.cells // 2 + 1, complex)
-    for is_rate in (False, True):
-        own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
-        if own:
-            # One transform of their sum: it costs more than a shape.
-            of_sum = rfft(_sum_of_cell_means(record, motion, own))
-            dft += of_sum * laplace(len(dft), n, record.rate_hz) if is_rate else of_sum
+    # One transform of a sum: it costs more than a shape.
+    dft = rfft(_sum_of_cell_means(record, motion, [(shape, level) for shape, level in taken if not shape.is_rate]))
+    if rates := [(shape, level) for shape, level in taken if shape.is_rate]:
+        dft += rfft(_sum_of_cell_means(record, motion, rates)) * laplace(len(dft), n, record.rate_hz)
     dft *= _of_cells(n * motion.cells, motion.cells)
     return dft
 
