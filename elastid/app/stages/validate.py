@@ -31,7 +31,7 @@ from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
-from elastid.store.results import read_fit, read_gears, write_validation
+from elastid.store.results import read_fit, read_gears, read_motion, write_validation
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
@@ -85,7 +85,7 @@ def validate(
     rig carries out along a record.
     """
     responses, result = read_responses(estimate_file), read_fit(fit_file)
-    fitted = FittedRobot.of(result, robot, responses, model)
+    fitted = FittedRobot.of(result, robot, responses, model, read_motion(fit_file))
     friction = read_friction(estimate_file)
     gears = read_gears(gears_file)
     own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)
