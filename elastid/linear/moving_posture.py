@@ -189,14 +189,15 @@ class _Moved:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
         e, both, (rows, places, unknowns) = self.expansion, omega + self.omega, self._curved_parts
         Z, equations = e.z(omega)[np.ix_(places, unknowns)], rows[rows < e.n]
-        torque = -(self._met @ Z).reshape(len(both), len(equations), -1)  # R''[., e_1] of all motions and unknowns
+        K, m = self.curved.shape[:2]
+        torque = -(self._met @ Z).reshape(K, len(equations), m * len(unknowns))  # R''[., e_1]
         x = self._inverse(both)[:, :, equations] @ torque
         # Of the places that are rates and accelerations, those of x.
         order = (places >= e.n).astype(np.int64) + (places >= e.n + e.n_q)
         of_x = places - np.array([0, e.n, e.n + e.n_q])[order]
         z = x[:, of_x] * (1j * both[:, None, None]) ** order[:, None]
         total = (self.mean @ e.z(omega)).astype(np.complex128)
-        total[np.ix_(rows, unknowns)] += self._partners @ z.reshape(-1, len(unknowns))
+        total[np.ix_(rows, unknowns)] += self._partners @ z.reshape(K * len(places) * m, len(unknowns))
         return np.asarray(total)
 
     @cached_property
@@ -212,14 +213,14 @@ class _Moved:
         """(2 K n_rows m, n_places): R''[., e_1] of the equations as far as it is not zero."""
         rows, places, _ = self._curved_parts
         met = self.curved[:, :, rows[rows < self.expansion.n]][..., places]
-        return np.ascontiguousarray(met.swapaxes(1, 2)).reshape(-1, len(places))
+        return np.ascontiguousarray(met.swapaxes(1, 2)).reshape(int(np.prod(met.shape[:3])), len(places))
 
     @cached_property
     def _partners(self) -> ComplexArray:
         """(n_rows, 2 K n_places m): the same of outputs, too, at the frequencies of opposite sign."""
         rows, places, _ = self._curved_parts
         met = self.curved[:, :, rows][..., places].conj()
-        return np.ascontiguousarray(met.transpose(2, 0, 3, 1)).reshape(len(rows), -1)
+        return np.ascontiguousarray(met.transpose(2, 0, 3, 1)).reshape(len(rows), met[:, :, :1].size)
 
     def _inverse(self, omega: FloatArray) -> ComplexArray:
         """From torques on the unknowns to e_2 (2 K, n, n)."""
