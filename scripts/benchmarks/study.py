@@ -1,16 +1,12 @@
-"""Whole studies from their files to their pages, in CPU seconds by stage: where a user waits.
+"""A whole six-axis study from its file to its page, in CPU seconds by stage: where a user waits.
 
     python scripts/benchmarks/study.py [--quick]
 
-Six axes: the KR 300 with twelve springs (18 coordinates) in ten postures, 120 records of 8 s at 500 Hz with Coulomb
-friction, a carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out. Fleet: sixteen two-mass
-robots on one date. Tuned move: a move of the demo's arm in 1.2 s on 50 draws. All by one process, CPU time of its
-children included; a friction study is timed by friction.py, a large log by large_record.py, a map by map.py. The last
-line is one JSON object; last_run.json has that of the last run.
-
-Measured: the six-axis study takes 225.2 s (all_s): design 25.7 (design_s), measure 16.7 (measure_s), estimate
-83.9 (estimate_s), fit 32.3 (fit_s), validate 35.1 (validate_s), report 31.5 (report_s). The fleet takes 0 s (fleet_s),
-the tuned move 0 s (tuned_move_s).
+The KR 300 with twelve springs (18 coordinates) in ten postures: 120 records of 8 s at 500 Hz with Coulomb friction, a
+carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out, by one process. CPU time of its children
+is included. Other studies are timed where they stand: a friction study by friction.py, a large log by large_record.py,
+a map by map.py, a fleet by scripts/studies/fleet.py, a tuned move by scripts/studies/tuned_moves.py. The last line is
+one JSON object; last_run.json has that of the last run.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -23,9 +19,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import json
 import random
-import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from timing import machine
@@ -34,11 +28,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.study import load
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "scripts" / "studies"))
-from fleet import really
-from tuned_moves import ENDS, arm, given, tuned
-
+ROBOT = Path(__file__).parents[2] / "configs" / "robots" / "kr300_twelve_springs.yml"
 STUDY = """\
 name: six axes
 seed: 1
@@ -66,50 +56,34 @@ def cpu_s() -> float:
     return times.user + times.system + times.children_user + times.children_system
 
 
-def timed(work: Callable[[], object]) -> float:
-    """CPU seconds of some work."""
-    begun = cpu_s()
-    work()
-    return cpu_s() - begun
-
-
-def six_axes(folder: Path, postures: int, realisations: int, starts: int) -> dict[str, float]:
-    """CPU seconds of each stage of the six-axis study."""
-    draw = random.Random(3)
+def study(postures: int, realisations: int, starts: int) -> str:
+    """The text of the study."""
+    draw, ranges = random.Random(3), list(zip(MIDDLE, REACH, strict=True))
     rows = [
-        ", ".join(
-            f"{round(middle + draw.uniform(-reach, reach))} deg" for middle, reach in zip(MIDDLE, REACH, strict=True)
-        )
+        ", ".join(f"{round(middle + draw.uniform(-reach, reach))} deg" for middle, reach in ranges)
         for _ in range(postures)
     ]
-    filled = {
-        "ROBOT": str(ROOT / "configs" / "robots" / "kr300_twelve_springs.yml"),
-        "CONFIGURATIONS": ", ".join(f"c{i + 1}: [{row}]" for i, row in enumerate(rows)),
-        "REALISATIONS": str(realisations),
-        "STARTS": str(starts),
-    }
-    text = STUDY
-    for name, value in filled.items():
-        text = text.replace(name, value)
-    (folder / "study.yml").write_text(text, encoding="utf-8")
-    run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-2))
-    return {f"{stage}_s": timed(lambda stage=stage: run_stage(run, stage)) for stage in run.stages}
+    text = STUDY.replace("ROBOT", str(ROBOT)).replace("REALISATIONS", str(realisations)).replace("STARTS", str(starts))
+    return text.replace("CONFIGURATIONS", ", ".join(f"c{i + 1}: [{row}]" for i, row in enumerate(rows)))
 
 
 def main() -> None:
-    """The table, then one JSON line."""
+    """The stages as they end, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two postures, two robots, one draw, to see that it runs")
-    quick = parser.parse_args().quick
-    print(machine())
+    parser.add_argument("--quick", action="store_true", help="three postures from one start, to see that it runs")
+    size = (3, 1, 1) if parser.parse_args().quick else (10, 2, 20)
+    print(machine(), flush=True)
+    found = dict[str, float]()
     with tempfile.TemporaryDirectory() as temporary:
-        found = six_axes(Path(temporary), *((3, 1, 1) if quick else (10, 2, 20)))
-        found["all_s"] = sum(found.values())
-        found["fleet_s"] = timed(lambda: really(2 if quick else 16, ("2026-01-31",), 1, Path(temporary) / "fleet"))
-    if not quick:
-        found["tuned_move_s"] = tuned(given(*arm(), 50), ENDS, 1.2)[1]
-    for name, seconds in found.items():
-        print(f"{name:14s} {seconds:6.1f}")
+        folder = Path(temporary)
+        (folder / "study.yml").write_text(study(*size), encoding="utf-8")
+        run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-2))
+        for stage in run.stages:
+            begun = cpu_s()
+            run_stage(run, stage)
+            found[f"{stage}_s"] = cpu_s() - begun
+            print(f"{stage:10s} {found[f'{stage}_s']:6.1f}", flush=True)
+    found["all_s"] = sum(found.values())
     print(json.dumps({name: round(seconds, 1) for name, seconds in found.items()}))
 
 
