@@ -49,7 +49,6 @@ def run_command(arguments: Sequence[str]) -> int:
     return 0
 
 
-_PDF = "report.formats=[png, pdf]"
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
     "robot",
@@ -141,13 +140,15 @@ def add_stage_commands(group: click.Group) -> None:
 def _stage_command(name: str, text: str) -> click.Command:
     @study_argument
     @stage_options
-    def work(study: Path, pdf: bool = False, **options: Any) -> None:
-        asked = run_of(study, options | {"overrides": (*options["overrides"], *([_PDF] if pdf else []))})
+    def work(study: Path, png: bool = False, pdf: bool = False, **options: Any) -> None:
+        formats = ", ".join(kind for kind, is_asked in (("png", png), ("pdf", pdf)) if is_asked)
+        overrides = (*options["overrides"], *([f"report.formats=[{formats}]"] if formats else []))
+        asked = run_of(study, options | {"overrides": overrides})
         from elastid.app.run import run_stage
 
         run_stage(asked, name)
 
-    return click.command(name, help=text)(options_of(*["pdf"] * (name == "report"))(work))
+    return click.command(name, help=text)(options_of(*["png", "pdf"] * (name == "report"))(work))
 
 
 add_stage_commands(cli)

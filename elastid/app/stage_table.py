@@ -236,7 +236,7 @@ STAGES = (
         values=(*FITTED, *values("text", "report")),
         sources=(Source("design"), Source("estimate"), Source("fit"), Source("gears"), Source("validate")),
         extras=("compare.json",),
-        help="Write the page and the figures: report.html and figures/.",
+        help="Write the page and, where asked for, figures: report.html and figures/.",
     ),
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
@@ -27,12 +27,21 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
 
+@frozen_value
+class EffectOfMotion:
+    """What the motion of its measurement adds to the response of a configuration; None where that is negligible."""
+
+    configuration: str
+    dG: ComplexArray | None = labelled("change of the response by the motion", "unit of the response")
+
+
 @dataclass(frozen=True, eq=False)
 class FittedRobot:
     """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
 
     linear: inputs and outputs in the order of the response.  differentiated: the same as functions of every parameter
-    of the fit, geometry included, from which deviations follow.  name: of an export.
+    of the fit, geometry included, from which deviations follow.  name: of an export.  known: `motion`, of some
+    configurations, that was worked out before.
     """
 
     result: FitResult
@@ -41,18 +50,25 @@ class FittedRobot:
     linear: tuple[LinearModel, ...]
     differentiated: tuple[LinearModel, ...]
     name: str = ""
+    known: tuple[EffectOfMotion, ...] = ()
 
     @classmethod
     def of(
-        cls, result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT
+        cls,
+        result: FitResult,
+        robot: Robot,
+        measured: Sequence[FrequencyResponse],
+        spec: ModelSpec = EXACT,
+        known: tuple[EffectOfMotion, ...] = (),
     ) -> FittedRobot:
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
-        robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
+        robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.  known:
+        `motion` of the same fit and responses.
         Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
         input or output of a response.
         """
-        return _fitted(result, robot, measured, spec, result.parameters.names)
+        return replace(_fitted(result, robot, measured, spec, result.parameters.names), known=known)
 
     @property
     def robot(self) -> Robot:
@@ -77,19 +93,23 @@ class FittedRobot:
     def responses(self) -> tuple[FrequencyResponse, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
-        for linear, G, effect in zip(self.linear, self.measured, self.effects, strict=True):
+        for linear, G, effect in zip(self.linear, self.measured, self.motion, strict=True):
             modelled = to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz)
-            moved = modelled.G if effect is None else modelled.G + effect
+            moved = modelled.G if effect.dG is None else modelled.G + effect.dG
             responses.append(replace(modelled, G=moved, rate_is_known=G.rate_is_known))
         return tuple(responses)
 
     @cached_property
-    def effects(self) -> tuple[ComplexArray | None, ...]:
-        """Change of each response by the motion of its measurement; None where it is negligible."""
-        pairs = zip(self.linear, self.measured, strict=True)
-        return tuple(
-            effect_of_motion(self.model, linear, self.theta_of(G.configuration.name), G) for linear, G in pairs
-        )
+    def motion(self) -> tuple[EffectOfMotion, ...]:
+        """Change of each response by the motion of its measurement."""
+        effects, known = [], {effect.configuration: effect for effect in self.known}
+        for linear, G in zip(self.linear, self.measured, strict=True):
+            name = G.configuration.name
+            if name not in known:
+                dG = effect_of_motion(self.model, linear, self.theta_of(name), G)
+                known[name] = EffectOfMotion(name, dG)
+            effects.append(known[name])
+        return tuple(effects)
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:

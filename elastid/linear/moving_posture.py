@@ -188,15 +188,16 @@ class _Moved:
     def change(self, omega: float) -> ComplexArray:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
         e, both, (rows, places, unknowns) = self.expansion, omega + self.omega, self._curved_parts
-        K, m = self.curved.shape[:2]
         Z, equations = e.z(omega)[np.ix_(places, unknowns)], rows[rows < e.n]
-        torque = -(self._met @ Z).reshape(K, m, len(rows), len(unknowns))[:, :, : len(equations)]  # R''[., e_1]
-        x = self._inverse(both)[:, None, :, equations] @ torque
-        z, s = np.empty((K, m, e.n + 2 * e.n_q, len(unknowns)), np.complex128), 1j * both[:, None, None, None]
-        z[:, :, : e.n], z[:, :, e.n : e.n + e.n_q] = x, s * x[:, :, : e.n_q]
-        z[:, :, e.n + e.n_q :] = s**2 * x[:, :, : e.n_q]
+        K, m = self.curved.shape[:2]
+        torque = -(self._met @ Z).reshape(K, len(equations), m * len(unknowns))  # R''[., e_1]
+        x = self._inverse(both)[:, :, equations] @ torque
+        # Of the places that are rates and accelerations, those of x.
+        order = (places >= e.n).astype(np.int64) + (places >= e.n + e.n_q)
+        of_x = places - np.array([0, e.n, e.n + e.n_q])[order]
+        z = x[:, of_x] * (1j * both[:, None, None]) ** order[:, None]
         total = (self.mean @ e.z(omega)).astype(np.complex128)
-        total[np.ix_(rows, unknowns)] += self._partners @ z[:, :, places].reshape(K * m * len(places), len(unknowns))
+        total[np.ix_(rows, unknowns)] += self._partners @ z.reshape(K * len(places) * m, len(unknowns))
         return np.asarray(total)
 
     @cached_property
@@ -209,17 +210,17 @@ class _Moved:
 
     @cached_property
     def _met(self) -> ComplexArray:
-        """(2 K m n_rows, n_places): R''[., e_1] as far as it is not zero."""
+        """(2 K n_rows m, n_places): R''[., e_1] of the equations as far as it is not zero."""
         rows, places, _ = self._curved_parts
-        met = self.curved[:, :, rows][..., places]
-        return met.reshape(int(np.prod(met.shape[:3])), len(places))
+        met = self.curved[:, :, rows[rows < self.expansion.n]][..., places]
+        return np.ascontiguousarray(met.swapaxes(1, 2)).reshape(int(np.prod(met.shape[:3])), len(places))
 
     @cached_property
     def _partners(self) -> ComplexArray:
-        """(n_rows, 2 K m n_places): the same at the frequencies of opposite sign."""
+        """(n_rows, 2 K n_places m): the same of outputs, too, at the frequencies of opposite sign."""
         rows, places, _ = self._curved_parts
-        met = self._met.conj().reshape(*self.curved.shape[:2], len(rows), len(places))
-        return np.ascontiguousarray(met.transpose(2, 0, 1, 3)).reshape(len(rows), met[:, :, :1].size)
+        met = self.curved[:, :, rows][..., places].conj()
+        return np.ascontiguousarray(met.transpose(2, 0, 3, 1)).reshape(len(rows), met[:, :, :1].size)
 
     def _inverse(self, omega: FloatArray) -> ComplexArray:
         """From torques on the unknowns to e_2 (2 K, n, n)."""

@@ -75,12 +75,12 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     kept[~of_period] = _signal_share(power[~of_period], noise)
     if _velocity_noise(kept, s, noise, n, order) > _NOISY * _rms(integrated(kept * Y, s, order - 1), n):
         kept[of_period] = _signal_share(power[of_period], noise)
-    Y = kept * Y
     angle = np.zeros(len(fine_s), complex) if high is None else high.copy()
-    velocity = np.zeros(len(fine_s), complex) if high is None else fine_s * high
-    angle[: len(s)] += integrated(Y, s, order)
-    velocity[: len(s)] += integrated(Y, s, order - 1)
-    fine = _fine(velocity, n * cells, cells) + gain * record.rate_hz / n
+    angle[: len(s)] += integrated(kept * Y, s, order)
+    velocity = fine_s * angle
+    velocity[0] = Y[0] if order == 1 else 0.0  # a mean velocity is the gain of the angle
+    fine = _fine(velocity, n * cells, cells)
+    fine += gain * record.rate_hz / n
     return Motion(fine, angle, start, gain, _velocity_noise(kept, s, noise, n, order), cells)
 
 
@@ -138,7 +138,8 @@ def _rms(X: ComplexArray, n: int) -> float:
 def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
     """The signal of a spectrum, as of samples, at the points of the fine grid, its first point once more at the end."""
     x = np.empty(points + 1)
-    np.multiply(irfft(X, points), cells, out=x[:-1])
+    irfft(X, points, out=x[:-1])
+    x *= cells
     x[-1] = x[0]
     return x
 

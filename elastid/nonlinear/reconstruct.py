@@ -56,7 +56,7 @@ from numpy.fft import fft, irfft
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.execution import Execution
 from elastid.excitation.grids import line_frequencies
-from elastid.nonlinear.motion import CELLS, Motion, folded, integrated, laplace, motion_of, own_spectrum, whole_samples
+from elastid.nonlinear.motion import Motion, folded, integrated, laplace, motion_of, own_spectrum, whole_samples
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import spectrum
 from elastid.record import Record
@@ -80,19 +80,20 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     held = held_spectrum(record.u[:n, record.inputs.index(place)])
     above = _receptance_above(friction, m, n, record.rate_hz)
 
-    def part_above(motion: Motion, cells: int) -> ComplexArray:
-        own = spectrum(record, motion, friction.taken_shapes(place))
-        torque = held[: n * cells // 2 + 1].copy()
-        torque[: len(own)] -= own[: len(torque)]
-        return np.asarray(torque * above[: len(torque)])
+    def part_above(motion: Motion) -> ComplexArray:
+        torque = spectrum(record, motion, friction.taken_shapes(place))
+        np.subtract(held[: len(torque)], torque, out=torque)
+        torque *= above[: len(torque)]
+        return torque
+
+    def repeated(high: ComplexArray) -> ComplexArray:
+        return part_above(motion_of(record, place, high))
 
     # To a tenth of the first error of the part above half the rate; most motions need 5 repetitions.
-    start = part_above(motion, CELLS)
-    high = fixed_point(lambda high: part_above(motion_of(record, place, high), CELLS), start, 0.1, 12)
+    high = fixed_point(repeated, part_above(motion), 0.1, 12)
     coarse = np.zeros(n * SHARP_CELLS // 2 + 1, complex)
     coarse[: len(high)] = high
-    high = fixed_point(lambda high: part_above(motion_of(record, place, high), SHARP_CELLS), coarse, 0.0, _SHARP_STEPS)
-    return motion_of(record, place, high)
+    return motion_of(record, place, fixed_point(repeated, coarse, 0.0, _SHARP_STEPS))
 
 
 def shows_images(record: Record, place: str) -> bool:
@@ -104,16 +105,21 @@ def shows_images(record: Record, place: str) -> bool:
 
 
 def held_spectrum(samples: FloatArray) -> ComplexArray:
-    """DFT (n SHARP_CELLS // 2 + 1,), as of n samples, of a torque held for one sample each; samples (n,) repeat.
+    """DFT (n SHARP_CELLS // 2 + 1,), as of n samples, of a torque held for one sample each; samples (n,) repeat."""
+    hold = _hold(len(samples))
+    return np.asarray(np.resize(fft(samples), len(hold)) * hold)
 
-    H = (1 - e^{-j theta}) / (j theta) at theta = 2 pi k / n, of which the numerator repeats with the DFT.
+
+@lru_cache(maxsize=4)
+def _hold(n: int) -> ComplexArray:
+    """H = (1 - e^{-j theta}) / (j theta), theta = 2 pi k / n, of lines k = 0 ... n SHARP_CELLS / 2.
+
+    Its numerator repeats with the DFT, so that it is exactly 0 at multiples of the rate.
     """
-    n = len(samples)
-    U = fft(samples)
-    held = np.resize(U * (1 - np.exp(-2j * np.pi * np.arange(n) / n)), n * SHARP_CELLS // 2 + 1)
-    held[1:] *= -1j * n / (2 * np.pi) / np.arange(1, len(held))
-    held[0] = U[0]
-    return held
+    H = np.resize(1 - np.exp(-2j * np.pi * np.arange(n) / n), n * SHARP_CELLS // 2 + 1)
+    H[1:] *= -1j * n / (2 * np.pi) / np.arange(1, len(H))
+    H[0] = 1
+    return frozen(H, np.complex128)
 
 
 def _receptance_above(friction: FrictionTakenOut, motor: int, n: int, rate_hz: float) -> FloatArray:

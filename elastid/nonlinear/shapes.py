@@ -11,7 +11,7 @@ of a stribeck shape is F_s - F_c, the torque by which slow motion has more frict
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen, labelled
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, laplace, whole_samples
 from elastid.record import Record
@@ -85,13 +85,10 @@ def amplitudes(
 def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
     """DFT (n cells // 2 + 1,), as of the n samples of whole periods, of a motor's friction: shapes, their levels."""
     n = whole_samples(record)
-    dft = np.zeros(n * motion.cells // 2 + 1, complex)
-    for is_rate in (False, True):
-        own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
-        if own:
-            # One transform of their sum: it costs more than a shape.
-            of_sum = rfft(_sum_of_cell_means(record, motion, own))
-            dft += of_sum * laplace(len(dft), n, record.rate_hz) if is_rate else of_sum
+    # One transform of a sum: it costs more than a shape.
+    dft = rfft(_sum_of_cell_means(record, motion, [(shape, level) for shape, level in taken if not shape.is_rate]))
+    if rates := [(shape, level) for shape, level in taken if shape.is_rate]:
+        dft += rfft(_sum_of_cell_means(record, motion, rates)) * laplace(len(dft), n, record.rate_hz)
     dft *= _of_cells(n * motion.cells, motion.cells)
     return dft
 
@@ -145,12 +142,15 @@ def mean_stribeck(v: FloatArray, v_s: float) -> FloatArray:
     """
     from scipy.special import erf
 
-    step = np.diff(v)
-    small = np.abs(step) <= 1e-6 * (np.abs(v[1:]) + np.abs(v[:-1])) + 1e-300
-    middle = (v[1:] + v[:-1])[small] / 2
-    mean = v_s * np.sqrt(np.pi) / 2 * np.diff(erf(np.abs(v) / v_s)) / np.where(small, 1.0, step)
-    mean[small] = np.sign(middle) * np.exp(-((middle / v_s) ** 2))
-    return np.asarray(mean)
+    near, means = _means_near_reversals(
+        v,
+        6.5 * v_s,  # beyond, the exponential is below 1e-18
+        lambda speed: v_s * np.sqrt(np.pi) / 2 * erf(speed / v_s),
+        lambda middle: np.sign(middle) * np.exp(-((middle / v_s) ** 2)),
+    )
+    mean = np.zeros(len(v) - 1)
+    mean[near] = means
+    return mean
 
 
 def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> FloatArray:
@@ -158,25 +158,45 @@ def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> Fl
 
     By the integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
     """
-    speed = np.abs(v)
-    slow = speed <= 12.0 * max(v_s for v_s, _ in signs)  # beyond, tanh is 1 to 1e-10
-    negative = np.signbit(v)
+
+    def integral(speed: FloatArray) -> FloatArray:
+        total = sum(level for _, level in signs) * speed
+        for v_s, level in signs:
+            if v_s > 0:
+                total += level * v_s * np.log1p(np.exp(speed * (-2 / v_s)))
+        return np.asarray(total)
+
+    def limit(middle: FloatArray) -> FloatArray:
+        parts = (level * (np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)) for v_s, level in signs)
+        return np.asarray(sum(parts))
+
+    # Beyond 12 v_s, tanh is 1 to 1e-10.
+    near, means = _means_near_reversals(v, 12.0 * max(v_s for v_s, _ in signs), integral, limit)
     total = np.copysign(sum(level for _, level in signs), v[:-1])
-    turning = np.flatnonzero(slow[:-1] | slow[1:] | (negative[:-1] != negative[1:]))
-    # Neighbouring cells share a point, where the integral is found once.
-    before = np.arange(len(turning)) + np.cumsum(np.diff(turning, prepend=turning[:1]) > 1)
-    points = np.zeros(len(turning) and before[-1] + 2, dtype=np.int64)
-    points[before], points[before + 1] = turning, turning + 1
-    step = v[turning + 1] - v[turning]
-    small = np.abs(step) <= 1e-6 * (speed[turning] + speed[turning + 1])
-    middle = (v[turning] + v[turning + 1])[small] / 2
-    step[small] = 1.0
-    total[turning] = 0.0
-    for v_s, level in signs:
-        integral = speed[points]
-        if v_s > 0:
-            integral += v_s * np.log1p(np.exp(-2 / v_s * integral))
-        mean = (integral[before + 1] - integral[before]) / step
-        mean[small] = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
-        total[turning] += level * mean
+    total[near] = means
     return np.asarray(total)
+
+
+def _means_near_reversals(
+    v: FloatArray,
+    reach: float,
+    integral: Callable[[FloatArray], FloatArray],
+    limit: Callable[[FloatArray], FloatArray],
+) -> tuple[BoolArray, FloatArray]:
+    """Cells (n - 1,) between points v (n,) where v turns or is below `reach`, and the means of a function over these.
+
+    integral: of the function of |v|; limit: the function itself, for cells over which v is constant.
+    """
+    slow, negative = np.abs(v) <= reach, np.signbit(v)
+    near = slow[:-1] | slow[1:] | (negative[:-1] != negative[1:])
+    # The points of these cells, once each: neighbours among them are a cell, or lie at both sides of a gap.
+    begins = np.append(near, False)
+    is_point = begins.copy()
+    is_point[1:] |= near
+    points, is_cell = v[is_point], begins[is_point][:-1]
+    step, speed = np.diff(points), np.abs(points)
+    constant = np.abs(step) <= 1e-6 * (speed[1:] + speed[:-1])
+    step[constant] = 1.0
+    means = np.diff(integral(speed)) / step
+    means[constant] = limit((points[1:] + points[:-1])[constant] / 2)
+    return near, means[is_cell]

@@ -38,14 +38,15 @@ def estimate_without_friction(
     planned_lines: IntArray | None = None,
     E: FloatArray | None = None,
     robot: Robot | None = None,
+    net: Sequence[Record] | None = None,
 ) -> FrequencyResponse:
     """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
-    gears are examined for springs that are not straight; None for no such notes.
+    gears are examined for springs that are not straight; None for no such notes.  net: `net_records` of them, if known.
     Raises DataError as `estimate` does.
     """
-    net = tuple(net_records(records, friction, E))
+    net = tuple(net_records(records, friction, E)) if net is None else net
     response = estimate(net, spec, planned_lines)
     if robot is not None:
         # With CasADi and SciPy's optimisers, which responses of structures do without.

@@ -12,7 +12,7 @@ class ReportSpec:
     """The figures of the report."""
 
     # fmt: off
-    formats: Annotated[tuple[Literal["png", "pdf"], ...], Key("Formats of the figures' files, in addition to the page; "
-        "pdf comes with report.pdf: tables and all figures on paper (`elastid report --pdf` for once).", "add pdf for "
-        "print and for LaTeX; it takes longer, and page and PNG are enough on a screen.")] = ("png",)
+    formats: Annotated[tuple[Literal["png", "pdf"], ...], Key("Formats of the figures' files, in addition to the page, "
+        "which draws its own; pdf comes with report.pdf: tables and all figures on paper.", "where every run is to "
+        "leave figures for documents, which takes longer; `elastid report --png` or `--pdf` draws them for once.")] = ()
     # fmt: on

@@ -11,12 +11,13 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import check_kind
+from elastid.fit.fitted_robot import EffectOfMotion
 from elastid.fit.result import FitResult
 from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
-from elastid.store.reading import read_part
+from elastid.store.reading import read_optional_part, read_part
 from elastid.store.values import write_artefact
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
@@ -58,15 +59,26 @@ class Numbers:
         return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
 
 
-def write_fit(path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table."""
+def write_fit(
+    path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP, motion: tuple[EffectOfMotion, ...] | None = None
+) -> None:
+    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
+
+    motion: of the measurements, for later readers of the same responses.
+    """
     check_kind(result, FitResult, "result", "identify and read_fit make one")
-    write_artefact(path, FIT, stamp, {"fit": (result, FitResult), "numbers": (Numbers.of(result), Numbers)})
+    parts = {"fit": (result, FitResult), "numbers": (Numbers.of(result), Numbers)}
+    write_artefact(path, FIT, stamp, {**parts, "motion": (motion, tuple[EffectOfMotion, ...])})
 
 
 def read_fit(path: Path | str) -> FitResult:
     """The result in fit.h5."""
     return read_part(path, FIT, "fit", FitResult)
+
+
+def read_motion(path: Path | str) -> tuple[EffectOfMotion, ...]:
+    """What the motion of the measurements adds to the responses, in fit.h5; empty where the file does not say."""
+    return read_optional_part(path, FIT, "motion", tuple[EffectOfMotion, ...]) or ()
 
 
 def write_gears(path: Path | str, gears: GearResult, stamp: Stamp = NO_STAMP) -> None:

@@ -45,10 +45,10 @@ from unittest.mock import patch
 import numpy as np
 from fit_peers import casadi_problem, casadi_sums, jax_evaluation
 from scipy.optimize import least_squares
-from timing import cpu_seconds, in_turn
+from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.kernels import description, is_compiled
+from elastid.base.kernels import is_compiled
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
@@ -373,7 +373,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
     compiled = is_compiled()
-    print(f"{description()}\n")
+    print(f"{machine()}\n")
 
     plain, whole, plain_inertial = without_compiled_loops(Q, F)
     inertial, relinearised = with_inertias(Q, F)

@@ -35,7 +35,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.fft import rfft
-from timing import cpu_seconds, in_turn
+from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, IntArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -250,6 +250,7 @@ def main() -> None:
     parser.add_argument("--case", choices=("A", "B", "welch"), help="one case only (a peer may need 12 GB in case A)")
     arguments = parser.parse_args()
     size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
+    print(machine())
     N = size[0]
     cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
     results = {

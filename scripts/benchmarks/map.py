@@ -22,7 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from timing import cpu_seconds
+from timing import cpu_seconds, machine
 
 from elastid.export.draws import write_draws
 from elastid.fit.parameter_choice import choose
@@ -59,6 +59,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer postures, to see that it runs")
     count = 50 if parser.parse_args().quick else 1000
+    print(machine())
     table = {}
     for name, path in ROBOTS.items():
         robot = load_robot(path)

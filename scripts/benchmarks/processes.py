@@ -26,6 +26,7 @@ import time
 
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
+from timing import machine
 
 from elastid.base.execution import Execution
 from elastid.base.workers import lasting_workers, load_for_workers
@@ -56,6 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
     quick = parser.parse_args().quick
+    print(machine())
     load_for_workers(["elastid.fit.identify"])
     (Q, F), rounds = ((2, 30), 1) if quick else ((20, 200), 5)
     found = {}

@@ -1,8 +1,16 @@
-"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn."""
+"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine."""
 
+import ctypes
+import os
+import platform
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.kernels import description
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
@@ -20,3 +28,29 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
             if repeat:
                 times[name].append(time.process_time() - begin)
     return {name: statistics.median(each) for name, each in times.items()}
+
+
+def machine() -> str:
+    """The processor, the kernels of this package, and those of BLAS with its number of threads, in words."""
+    return f"{_processor()}; {description()}; {_blas()}"
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(": ")[2] for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor() or platform.machine()}, {os.cpu_count()} threads"
+
+
+def _blas() -> str:
+    """OpenBLAS says for which processor its kernels are, which it chooses when it is loaded."""
+    built = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+    words = f"BLAS {built['name']} {built['version']}"
+    for path in Path(np.__file__).parents[1].glob("numpy.libs/*openblas*"):
+        library = ctypes.CDLL(str(path))
+        for suffix in ("64_", ""):
+            if core := getattr(library, f"scipy_openblas_get_corename{suffix}", None):
+                core.restype = ctypes.c_char_p
+                threads = getattr(library, f"scipy_openblas_get_num_threads{suffix}")()
+                return f"{words}, kernels for {core().decode()}, {threads} threads"
+    return words

@@ -219,14 +219,14 @@ def _motion(q: FloatArray, u: FloatArray, kind: str) -> Motion:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="ten draws, without limits")
+    parser.add_argument("--quick", action="store_true", help="three draws, without limits")
     parser.add_argument("--draws", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     given = parser.parse_args()
     rows = []
     for kind in given.kinds:
-        rows.append(row := covered(kind, 10 if given.quick else given.draws, given.seed))
+        rows.append(row := covered(kind, 3 if given.quick else given.draws, given.seed))
         print("  ".join(f"{name} {value}" for name, value in row.items()), flush=True)
         if given.quick or row["misfit"] >= MISFITS:
             continue

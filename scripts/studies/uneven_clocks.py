@@ -98,11 +98,11 @@ CLOCKS: dict[str, tuple[float, Callable[[int, np.random.Generator], tuple[FloatA
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="five draws, without limits")
+    parser.add_argument("--quick", action="store_true", help="two draws, without limits")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    draws = 5 if given.quick else given.draws
+    draws = 2 if given.quick else given.draws
     rng = np.random.default_rng(given.seed)
     angle, torque = simulated(draws, rng)
     t = np.arange(len(angle)) * STEP_S

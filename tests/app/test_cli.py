@@ -83,6 +83,20 @@ def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyP
     assert run.study.fit.starts == 3
 
 
+@pytest.mark.parametrize(
+    ("options", "formats"), [([], ()), (["--png"], ("png",)), (["--png", "--pdf"], ("png", "pdf"))]
+)
+def test_files_of_figures_are_drawn_on_demand(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], formats: tuple[str, ...]
+) -> None:
+    """A report draws those of its page alone, unless it is asked for files."""
+    run_stage = create_autospec(running.run_stage)
+    monkeypatch.setattr(running, "run_stage", run_stage)
+    assert cli.run_command(["report", str(tiny), *options]) == 0
+    (run, _), _ = run_stage.call_args
+    assert run.study.report.formats == formats
+
+
 def test_run_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The default folder is runs/<name of the study>."""
     run_all = create_autospec(running.run_all)

@@ -116,7 +116,6 @@ fit:
   start_factor: 20
   parameters: {"k_*": {}, k_2: {bounds: [1e4, 1e11]}, k_b2: {bounds: [1e4, 1e11]}, k_rod: {start: 2e7}, d_rod: {}}
 compare: {folds: 2}
-report: {formats: [png]}
 """
 
 

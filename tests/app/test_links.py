@@ -27,7 +27,7 @@ def on(folder: Path, *command: str) -> list[str]:
     """A command on the study of a folder, in its run folder."""
     first, *rest = command
     run = str(folder / "run")
-    return [first, str(folder / "study.yml"), *rest, "--run", run, "--jobs", "1", "-q", "--set", "report.formats=[png]"]
+    return [first, str(folder / "study.yml"), *rest, "--run", run, "--jobs", "1", "-q"]
 
 
 @pytest.mark.parametrize(

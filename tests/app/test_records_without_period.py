@@ -141,7 +141,7 @@ def test_a_structure_that_is_driven_by_a_voltage(tmp_path: Path) -> None:
         table = np.loadtxt(log, delimiter=",", skiprows=1)
         write_log(log, MASSES, table / [20, 20, 1, 1, 1])
     places = "experiment.recorded.channels"
-    options = ["--run", str(folder / "run"), "--jobs", "1", "-q", "--set", "report.formats=[png]"]
+    options = ["--run", str(folder / "run"), "--jobs", "1", "-q"]
     for i in range(2):
         options += ["--set", f"{places}.{i}.quantity=voltage", "--set", f"{places}.{i}.unit=V"]
     assert run_command(["run", str(folder / "study.yml"), *options]) == 0

@@ -33,7 +33,6 @@ experiment:
 {thermometer}
     files:
 {files}
-report: {{formats: [png]}}
 """
 THERMOMETER = "      - {role: t, at: joint 1, channel: temperature, quantity: temperature}"
 RIGID = """

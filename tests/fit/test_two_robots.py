@@ -234,7 +234,6 @@ experiment:
       - {path: b2.csv, configuration: b2}
       - {path: b3.csv, configuration: b3}
 validation: {folds: 2}
-report: {formats: [png]}
 compare: {folds: 2, variants: [{name: one stiffness, set: ["fit.parameters.k_1={}"]}]}
 fit:
   starts: 2

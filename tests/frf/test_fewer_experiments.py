@@ -65,7 +65,6 @@ fit:
   parameters:
     k_*: {}
     d_*: {}
-report: {formats: [png]}
 """
 
 

@@ -251,7 +251,6 @@ experiment:
     noise: {torque_std: 0.1, encoder_counts: 1048576}
     substeps: 4
 fit: {starts: 3}
-report: {formats: [png]}
 """
 
 
@@ -326,7 +325,7 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(measured_wrist: R
         *channels,
         "    files:",
         *files,
-        "fit: {starts: 3}\nreport: {formats: [png]}\n",
+        "fit: {starts: 3}\n",
     ]
     (tmp_path / "logged.yml").write_text("\n".join(text))
     run = Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1))

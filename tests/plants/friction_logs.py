@@ -99,7 +99,6 @@ experiment:
       {thermometer}
     files:
 {files}
-report: {{formats: [png]}}
 """
 THERMOMETER_LINE = "- {role: t, at: joint 1, channel: temperature, quantity: temperature}"
 SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)

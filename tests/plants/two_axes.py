@@ -56,7 +56,6 @@ experiment:
   configurations: {a: [0, 0.2], b: [0.5, 0.9], c: [-0.4, -0.7], d: [1, 1.4]}
   simulated: {}
 fit: {starts: 2, start_factor: 1.5, parameters: {"k_*": {}, d_2x: {}, d_1: {fixed: true}}}
-report: {formats: [png]}
 """
 
 

@@ -95,7 +95,9 @@ def fit(
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in robot_files(name, robot, result, friction, names)}
-    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
+    result_file: Mapping[str, Write] = {
+        "fit.h5": lambda path, stamp: write_fit(path, result, stamp, model_of_all.motion)
+    }
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 
@@ -131,7 +133,7 @@ def conclude(run: Run) -> None:
     for line in _WITH_GEARS if explained else _answers(run, result, rows):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
-    run.console.say(", ".join(str(path) for path in files if path.exists()))
+    run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
         raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")

@@ -33,7 +33,7 @@ from elastid.store.measured import (
     read_responses,
     write_modes,
 )
-from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_motion, read_twin, read_validation
 
 
 def report(
@@ -56,7 +56,7 @@ def report(
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
-    fitted, gears = FittedRobot.of(result, robot, responses, model), read_gears(gears_file)
+    fitted, gears = FittedRobot.of(result, robot, responses, model, read_motion(fit_file)), read_gears(gears_file)
     final = with_gears(result, gears)
     content = ReportContent(
         *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),

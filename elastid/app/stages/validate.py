@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.stages.estimate import tool_responses
+from elastid.app.stages.estimate import net_records_of, tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -32,7 +32,7 @@ from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
-from elastid.store.results import read_fit, read_gears, write_validation
+from elastid.store.results import read_fit, read_gears, read_motion, write_validation
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
@@ -87,7 +87,7 @@ def validate(
     rig carries out along a record.
     """
     responses, result = read_responses(estimate_file), read_fit(fit_file)
-    fitted = FittedRobot.of(result, robot, responses, model)
+    fitted = FittedRobot.of(result, robot, responses, model, read_motion(fit_file))
     friction = read_friction(estimate_file)
     gears = read_gears(gears_file)
     own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)
@@ -98,7 +98,8 @@ def validate(
     if measure_file is None and experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
     with work.execution(unfinished) as execution:
-        replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution)
+        net = net_records_of(estimate_file)
+        replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution, net)
         judged = _validation(own, replays, execution)
     at_tool = at_tool_predicted(own, tool_responses(validation.tool, robot, experiment, estimator, files))
     tapped = at_tool_predicted(own, tool_responses(tool, robot, experiment, estimator, files), is_fitted=True)
@@ -125,12 +126,20 @@ def validate(
 
 
 def replayed_in_time(
-    own: Validated, records: Path | None, rig: SimulatedRig | None, console: Console, execution: Execution
+    own: Validated,
+    records: Path | None,
+    rig: SimulatedRig | None,
+    console: Console,
+    execution: Execution,
+    net: Path | None = None,
 ) -> tuple[tuple[Replay, ...], TwinFindings]:
-    """The records through the fitted robot, its torques part by part, and its motion; nothing without records."""
+    """The records through the fitted robot, its torques part by part, and its motion; nothing without records.
+
+    net: the same records without friction; None where they are worked out again.
+    """
     if records is None:
         return (), NO_TWIN
-    in_time = _records_in_time(own, records, console, execution)
+    in_time = _records_in_time(own, (records, net), console, execution)
     balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
     return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records, rig, execution))
 
@@ -186,12 +195,14 @@ def _folds(own: Validated, responses: Sequence[FrequencyResponse], execution: Ex
 _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 
 
-def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
+def _records_in_time(
+    own: Validated, paths: tuple[Path, Path | None], console: Console, execution: Execution
+) -> list[_InTime]:
     """Of every configuration of records.h5; each process has a few records in memory at a time.
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    fitted, names = own.fitted, read_configurations(path)
+    fitted, names = own.fitted, read_configurations(paths[0])
     try:
         rigid = elastic_twin.rigid_linearisation(fitted, own.model)
     except StudyError as error:
@@ -205,7 +216,7 @@ def _records_in_time(own: Validated, path: Path, console: Console, execution: Ex
         for response in fitted.measured
         if (name := response.configuration.name) in names
     ]
-    return execution.ordered(partial(_in_time, path, own.friction, shaft_couplings(own.robot), own.estimator), models)
+    return execution.ordered(partial(_in_time, paths, own.friction, shaft_couplings(own.robot), own.estimator), models)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,14 +231,25 @@ class _Models:
 
 
 def _in_time(
-    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
+    paths: tuple[Path, Path | None],
+    friction: FrictionTakenOut | None,
+    E: FloatArray | None,
+    spec: EstimatorSpec,
+    models: _Models,
 ) -> _InTime:
-    records = read_records(path, models.configuration)
+    """paths: of the records, and of those without friction, if there are any."""
+    records_file, net_file = paths
+    records = read_records(records_file, models.configuration)
     first = next(records)
-    (net,) = net_records([first], friction, E)
+    nets = (
+        net_records(chain([first], records), friction, E)
+        if net_file is None
+        else read_records(net_file, models.configuration)
+    )
+    net = next(nets)
     freq_hz, parts = models.freq_hz, models.parts
     balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
-    every = chain([net], net_records(records, friction, E))
+    every = chain([net], nets)
     band_hz = float(freq_hz[0]), float(freq_hz[-1])
     return replay(every, models.linear, models.theta, band_hz, spec), balances
 

@@ -352,11 +352,12 @@ def _real(x: ComplexArray, S: FloatArray) -> FloatArray:
 def _solve(A: FloatArray, b: FloatArray, brakes: int) -> tuple[FloatArray, float]:
     """Least squares x of A x = b and its V; the first `brakes` of x are not negative."""
     size = np.sqrt(np.sum(A**2, axis=0)) + 1e-300
-    both = np.concatenate([A / size, -A[:, brakes:] / size[brakes:]], axis=1)
-    Q, R = np.linalg.qr(both)
+    triangle = np.asarray(np.linalg.qr(np.column_stack([A / size, b]), mode="r"))  # R, and Q^T b as its last column
+    R, pull = triangle[:, :-1], triangle[:, -1]
+    both = np.concatenate([R, -R[:, brakes:]], axis=1)
     # A little of a ridge, since each free column is there with either sign.
     m = both.shape[1]
-    x, _ = nnls(np.concatenate([R, 1e-6 * np.eye(m)]), np.concatenate([Q.T @ b, np.zeros(m)]), maxiter=30 * m)
+    x, _ = nnls(np.concatenate([both, 1e-6 * np.eye(m)]), np.concatenate([pull, np.zeros(m)]), maxiter=30 * m)
     solution = x[: A.shape[1]] / size
     solution[brakes:] -= x[A.shape[1] :] / size[brakes:]
     return solution, float(np.sum((b - A @ solution) ** 2))

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from plants.artefacts import same
 from plants.dry_friction import measured
@@ -11,13 +12,19 @@ from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE, WITH_COULOMB
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
-from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
+from elastid.app.stages.estimate import (
+    NET_RECORDS,
+    estimate_configuration,
+    find_friction_of_run,
+    net_records_of,
+)
 from elastid.app.stages.fit import conclude
 from elastid.base.display import digits, number
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.measured import read_friction, read_responses, write_records
+from elastid.store.artefacts import NO_STAMP
+from elastid.store.measured import read_friction, read_records, read_responses, write_records
 from elastid.store.results import read_validation
 from elastid.study import load, load_robot
 
@@ -30,7 +37,8 @@ def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
     write_records(path, (record for records in configurations for record in records))
     friction = find_friction_of_run(path, spec, lines)
     assert same(friction, find_friction(configurations, spec, lines))
-    raw, net = (estimate_configuration(path, "a", spec, lines, each)[0].total for each in (None, friction))
+    responses = (estimate_configuration(path, spec, lines, f, None, NO_STAMP, ("a", None))[0] for f in (None, friction))
+    raw, net = (response.total for response in responses)
     assert raw is not None
     assert net is not None
     assert net.variance.mean() < 0.1 * raw.variance.mean()
@@ -87,3 +95,22 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     assert f"motor 1: F_c = {level:.6g} N*m" in described(run.path("estimate"))
     explained = [replay.fit_percent.mean(axis=0).min() for replay in read_validation(run.path("validate")).replays]
     assert min(explained) > 99
+    validated_from_kept_records(run)
+
+
+def validated_from_kept_records(run: Run) -> None:
+    """Records without friction are those that would be worked out again: where the file is damaged, foreign or gone."""
+    kept, judged = run.folder / NET_RECORDS, run.folder / "validation.json"
+    before, content = judged.read_bytes(), kept.read_bytes()
+    assert net_records_of(run.path("estimate")) == kept
+    damaged = content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
+    for other in (damaged, run.path("measure").read_bytes(), b"", None):
+        kept.unlink()
+        if other is not None:
+            kept.write_bytes(other)
+        assert net_records_of(run.path("estimate")) is None
+        run_stage(run, "validate")
+        assert judged.read_bytes() == before
+        kept.write_bytes(content)
+    for record, net in zip(read_records(run.path("measure")), read_records(kept), strict=True):
+        assert np.std(record.u - net.u) == pytest.approx(0.01, rel=0.1)  # Coulomb friction alone

@@ -321,7 +321,6 @@ fit:
   starts: 2
   weights: {floor: 0}
   parameters: {k_1: {}, d_1: {}}
-report: {formats: [png]}
 """
 
 

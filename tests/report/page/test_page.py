@@ -257,7 +257,7 @@ def test_figures_without_room_on_the_page_are_linked_to():
     assert [bool(figure.png) for figure in within(figures, 10)] == [True, False, False]
     page = Page(html(report_content(), within(figures, 1000)))
     assert "figures/a.png" in page.addresses
-    assert "report.formats" in html(report_content(), [replace(figures[1], png="", file="")])
+    assert "report STUDY --run FOLDER --png" in html(report_content(), [replace(figures[1], png="", file="")])
 
 
 def test_fewer_colors_are_the_same_picture():

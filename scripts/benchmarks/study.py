@@ -1,0 +1,91 @@
+"""A whole six-axis study from its file to its page, in CPU seconds by stage: where a user waits.
+
+    python scripts/benchmarks/study.py [--quick]
+
+The KR 300 with twelve springs (18 coordinates) in ten postures: 120 records of 8 s at 500 Hz with Coulomb friction, a
+carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out, by one process. CPU time of its children
+is included. Other studies are timed where they stand: a friction study by friction.py, a large log by large_record.py,
+a map by map.py, a fleet by scripts/studies/fleet.py, a tuned move by scripts/studies/tuned_moves.py. The last line is
+one JSON object; last_run.json has that of the last run.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import random
+import tempfile
+from pathlib import Path
+
+from timing import machine
+
+from elastid.app.console import Console
+from elastid.app.run import Run, run_stage
+from elastid.study import load
+
+ROBOT = Path(__file__).parents[2] / "configs" / "robots" / "kr300_twelve_springs.yml"
+STUDY = """\
+name: six axes
+seed: 1
+robot: ROBOT
+excitation: {rate_hz: 500, period: 4 s, band_hz: [2, 60], grid: odd, torque_rms: [1500, 1500, 1200, 300, 300, 200]}
+experiment:
+  configurations: {CONFIGURATIONS}
+  realisations: REALISATIONS
+  periods: 2
+  transient_periods: 1
+  simulated:
+    carrier: {amplitude: 0.5 deg, cycles: 4}
+    noise: {torque_std: 5, encoder_counts: 1048576}
+    compiled: true
+fit: {starts: STARTS, parameters: {"k_*": {}, "d_*": {}, "fm_*": {}}}
+validation: {left_out: [c1]}
+"""
+# Postures are drawn about the middle, within these angles to either side, in degrees.
+MIDDLE, REACH = (0, -80, 90, 0, 30, 0), (60, 30, 40, 80, 70, 90)
+
+
+def cpu_s() -> float:
+    """CPU time of this process and of those that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def study(postures: int, realisations: int, starts: int) -> str:
+    """The text of the study."""
+    draw, ranges = random.Random(3), list(zip(MIDDLE, REACH, strict=True))
+    rows = [
+        ", ".join(f"{round(middle + draw.uniform(-reach, reach))} deg" for middle, reach in ranges)
+        for _ in range(postures)
+    ]
+    text = STUDY.replace("ROBOT", str(ROBOT)).replace("REALISATIONS", str(realisations)).replace("STARTS", str(starts))
+    return text.replace("CONFIGURATIONS", ", ".join(f"c{i + 1}: [{row}]" for i, row in enumerate(rows)))
+
+
+def main() -> None:
+    """The stages as they end, then one JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="three postures from one start, to see that it runs")
+    size = (3, 1, 1) if parser.parse_args().quick else (10, 2, 20)
+    print(machine(), flush=True)
+    found = dict[str, float]()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        (folder / "study.yml").write_text(study(*size), encoding="utf-8")
+        run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-2))
+        for stage in run.stages:
+            begun = cpu_s()
+            run_stage(run, stage)
+            found[f"{stage}_s"] = cpu_s() - begun
+            print(f"{stage:10s} {found[f'{stage}_s']:6.1f}", flush=True)
+    found["all_s"] = sum(found.values())
+    print(json.dumps({name: round(seconds, 1) for name, seconds in found.items()}))
+
+
+if __name__ == "__main__":
+    main()
