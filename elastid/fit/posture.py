@@ -23,7 +23,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.named_frames import with_frames
-from elastid.simulation.controller import tune
+from elastid.simulation.controller import gains_of
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
 _CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
@@ -169,7 +169,7 @@ class Family:
         given = self.asked.controller
         if hasattr(given, "bandwidth_hz"):
             q = rigid_posture(self.model, configuration, self.theta)
-            given = tune(self.model, q, given.bandwidth_hz, given.damping_ratio, given.velocity_integral_time)
+            given = gains_of(self.model, q, given)
         n_u = self.model.n_u
         kp, kd, ki = (np.broadcast_to(np.asarray(part, float), n_u) for part in (given.kp, given.kd, given.ki))
         return JointLoop(kp, kd, ki)

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.section import Key, section
-from elastid.base.units import Damping, Frequency, InUnit, JointVelocity, Temperature, Time
+from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
+from elastid.experiment.specs.loop_gains import PositionGain
 from elastid.record import Hold
-
-PositionGain = Annotated[float, InUnit("1/s")]
 
 
 @section
