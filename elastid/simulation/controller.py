@@ -6,7 +6,7 @@ r"""The sampled joint controller that keeps the robot in its configuration, or o
 y: reading of the motor encoder, u_ff: torque of the rigid robot on its reference, r: the injected multisine. u_k is
 computed from the reading of the same sample and held until the next: there is no delay but that of the hold. With k_i
 this is the cascade of robot controllers: a proportional loop of position, k_p / k_d, around a loop of velocity with
-proportional gain k_d and integral time 1 / k_i. Filters may follow the feedback, e and its integral, before it is added to the rest.
+proportional gain k_d and integral time 1 / k_i. Filters may follow the feedback, e with its integral.
 """
 
 from __future__ import annotations

@@ -131,7 +131,9 @@ def assess(
     L_db = np.array([own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz) for i in range(len(axes))])
     phase = np.array([own.shown(np.unwrap(np.angle(loops[:, i]), axis=1), freq_hz) for i in range(len(axes))])
     bandwidth = bandwidths(own.E, own.freq_hz)
-    bands = _Bands.of(drawn, gains, filters, Q, freq_hz) if drawn is not None else _Bands.none(Q, len(axes), len(freq_hz))
+    bands = (
+        _Bands.of(drawn, gains, filters, Q, freq_hz) if drawn is not None else _Bands.none(Q, len(axes), len(freq_hz))
+    )
     return LoopState(
         name, postures, axes, peak, *bands.peak, peak_hz, causes, bandwidth, *bands.bandwidth, own.margins,
         *bands.margins, bands.stable, bands.peaks, freq_hz, S_db, *bands.sensitivity, L_db, phase, *bands.loop,
@@ -189,9 +191,7 @@ def _ends(values: FloatArray, D: int) -> Band:
     return sorted_[int(0.025 * (D - 1))], sorted_[int(np.ceil(0.975 * (D - 1)))]
 
 
-def _cause(
-    own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]
-) -> str:
+def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> str:
     """Axis and mode of a peak."""
     root, freq_hz = np.sqrt(plants.inertia[q]), float(own.freq_hz[q, line])
     left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)

@@ -9,12 +9,13 @@ so that the loop has a double zero at K_p: a disturbance dies out as fast as a r
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.experiment.specs.loop_gains import GainsSpec, NotchSpec
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.simulation.controller import Gains
 from elastid.simulation.filters import Filters, low_pass, notch, section_response
 
@@ -24,19 +25,19 @@ LOWEST, HIGHEST = 2e-3, 0.45  # of a notch over the rate
 CORNER = 0.4  # largest of a low pass over the rate
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_value(eq=False)
 class Cascade:
-    """K_p, K_v and corner of the low pass (n_u,), all positive; notches (n, 3), frequency, width, depth, of motors axes.
+    """K_p, K_v and corner of the low pass (n_u,), all positive, and notches (n, 3) of the motors `axes` (n,).
 
     delay: in samples.
     """
 
-    position_gain: FloatArray
-    velocity_gain: FloatArray
-    low_pass_hz: FloatArray
-    notches: FloatArray
-    axes: tuple[int, ...]
+    position_gain: FloatArray = labelled("gain of the position loop", "1/s", "joints")
+    velocity_gain: FloatArray = labelled("gain of the velocity loop, link side", "SI", "joints")
+    low_pass_hz: FloatArray = labelled("corner of the low pass", "Hz", "joints")
     delay: int
+    notches: FloatArray = labelled("frequency in Hz, width, depth", "", "axes quantity")
+    axes: tuple[int, ...] = ()
 
     @property
     def vector(self) -> FloatArray:
@@ -104,17 +105,18 @@ class Cascade:
         of_F = np.concatenate([of_r - rate / (1 + rate), one, *filters], axis=-1)
         return of_F, np.concatenate([of_r * one, one, *filters], axis=-1)
 
-    def to_spec(self, joints: Sequence[str], digits: int = 6) -> GainsSpec:
-        """As a study has it, rounded."""
+    def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
+        """As a study has it, to six digits."""
 
         def rounded(values: FloatArray) -> tuple[float, ...]:
-            return tuple(float(f"{value:.{digits}g}") for value in values)
+            return tuple(float(f"{value:.6g}") for value in values)
 
         pairs = zip(self.axes, self.notches, strict=True)
         notches = tuple(NotchSpec(joints[axis], *rounded(own)) for axis, own in pairs)
         parts = self.position_gain, self.velocity_gain, 1 / self.position_gain, self.low_pass_hz
         position, velocity, integral, corner = map(rounded, parts)
-        return GainsSpec(position, velocity, integral, notches, corner)
+        gains = GainsSpec(position, velocity, integral, notches, corner)
+        return ControllerSpec(kind="cascade", gains=gains, delay_samples=self.delay)
 
 
 def _of_corner(corner: FloatArray, rate_hz: float, z_inverse: ComplexArray) -> ComplexArray:

@@ -98,7 +98,7 @@ def rule(plants: Plants, first_mode_hz: float, delay: int) -> Cascade:
     top = plants.rate_hz / (20 * (1 + delay))
     omega = np.full(plants.inertia.shape[1], 2 * np.pi * min(first_mode_hz / 3, top))
     corner = np.full(len(omega), 0.3 * plants.rate_hz)
-    return Cascade(omega / 4, plants.inertia.min(axis=0) * omega, corner, np.zeros((0, 3)), (), delay)
+    return Cascade(omega / 4, plants.inertia.min(axis=0) * omega, corner, delay, np.zeros((0, 3)))
 
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:

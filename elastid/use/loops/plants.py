@@ -1,4 +1,4 @@
-r"""Robots about postures as a sampled controller sees them: torque held from sample to sample, angle of the motors read.
+r"""Robots about postures as a sampled controller sees them: torques held from sample to sample, angles of motors read.
 
 .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k, \qquad P(z) = C\,[z I - A]^{-1} B
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
@@ -51,6 +52,13 @@ class Plants:
         A, B = self.A[:, None].astype(complex), self.B[:, None].astype(complex)
         return np.asarray(self.C[:, None] @ np.linalg.solve(z * np.eye(A.shape[-1]) - A, B))
 
+    def to_control(self, i: int) -> Any:
+        """Plant i as `control.StateSpace` at the controller's rate."""
+        import control  # takes a second or two
+
+        none = np.zeros((self.C.shape[1], self.B.shape[2]))
+        return control.ss(self.A[i], self.B[i], self.C[i], none, 1 / self.rate_hz)
+
     @classmethod
     def stacked(cls, plants: Sequence[Plants]) -> Plants:
         """Those of several values one after the other."""
@@ -60,11 +68,15 @@ class Plants:
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of the robot with motors that are free: freq_hz, zeta, and the spring with the most strain energy."""
+    """A mode of the robot with motors that are free: freq_hz, zeta, and the spring with the most strain energy.
+
+    share: of all springs in the strain energy; the rest is gravity's.
+    """
 
     freq_hz: float
     zeta: float
     spring: str
+    share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +138,8 @@ class PostureFamily:
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
         strained = np.nan_to_num(energy.share).argmax(axis=0)
         return tuple(
-            PlantMode(float(f), float(zeta), energy.springs[i])
-            for f, zeta, i in zip(known.freq_hz, known.zeta, strained, strict=True)
+            PlantMode(float(f), float(zeta), energy.springs[i], float(1 - load))
+            for f, zeta, i, load in zip(known.freq_hz, known.zeta, strained, energy.load, strict=True)
         )
 
     def _theta(self, own: LinearModel) -> FloatArray:
