@@ -46,15 +46,24 @@ class Controller(Protocol):
     """The numbers of `ControllerSpec`: a bandwidth by which gains are found, or gains."""
 
     @property
-    def bandwidth_hz(self) -> float: ...
+    def bandwidth_hz(self) -> float:
+        """Of the position loop."""
+
     @property
-    def damping_ratio(self) -> float: ...
+    def damping_ratio(self) -> float:
+        """Of the position loop."""
+
     @property
-    def velocity_integral_time(self) -> float | None: ...
+    def velocity_integral_time(self) -> float | None:
+        """T_i in s, or None without an integral."""
+
     @property
-    def gains(self) -> Any: ...
+    def gains(self) -> Any:
+        """A `GainsSpec`, or None."""
+
     @property
-    def delay_samples(self) -> int: ...
+    def delay_samples(self) -> int:
+        """Between reading and torque."""
 
 
 def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gains:
@@ -71,7 +80,8 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gain
 
 def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) -> Filters | None:
     """Behind the feedback of the driven joints; None without any."""
-    given, sections = controller.gains, {joint: [] for joint in joints}  # type: dict[str, list[FloatArray]]
+    given = controller.gains
+    sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
     if given is not None:
         for own in given.notches:
             sections[own.joint].append(notch(own.freq_hz, own.width, own.depth, rate_hz))

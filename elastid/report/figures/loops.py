@@ -40,10 +40,11 @@ def loops_figure(loops: Loops) -> Figure:
     phases.set_ylim(-360, 0)
     style.label(phases, x="frequency in Hz", y="phase in deg")
     stepped.axhline(1, color=style.TRUTH, lw=0.8, ls="--")
-    style.label(stepped, x="time in s", y=f"step on the {loops.steps.judge}")
+    style.label(stepped, x="time in s", y="angle over its step")
+    lowest, highest = loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz[-1]
     for panel in (peaks, sizes, phases):
-        panel.set_xscale("log")
-        panel.set_xlim(loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz[-1])
+        style.set_log_frequency(panel, np.geomspace(lowest, highest, 50))
+        panel.set_xlim(lowest, highest)
     return style.finish(figure, f"{loops.name}: joint loops at {loops.rate_hz:g} Hz", axes, [peaks, sizes], 0.0)
 
 
@@ -61,5 +62,6 @@ def _plot_loop(sizes: Axes, phases: Axes, state: LoopState, i: int, joint: str, 
         sizes.fill_between(state.freq_hz, low, high, color=color, alpha=0.3, lw=0)
     for q, row in enumerate(state.loop_db[i]):
         sizes.plot(state.freq_hz, row, color=color, lw=0.9, label=style.plain(f"axis {joint}") if q == 0 else None)
-        turn = np.degrees(state.loop_phase[i, q])
-        phases.plot(state.freq_hz, (turn % 360) - 360, color=color, lw=0.9)
+        turn = np.degrees(state.loop_phase[i, q]) % 360 - 360
+        turn[1:][np.abs(np.diff(turn)) > 180] = np.nan
+        phases.plot(state.freq_hz, turn, color=color, lw=0.9)

@@ -1,11 +1,13 @@
 r"""A controller on the identified robot: peaks, bandwidths and margins in every posture with 95 % of the draws.
 
-Each peak is traced to the axis that has most of it and to the mode of the robot, its motors free, that is nearest; a
-peak farther than a third of a frequency from every mode is one of phase: of delay, sampling and filters.
+Each peak within half a dB of the largest is traced to the axis that has most of it and to the mode of the robot, its
+motors free, that is nearest; one that is farther than a third from every mode is left to the phase of the loop: to its
+gains at low frequencies, to delay, sampling and filters at high ones.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -23,12 +25,14 @@ from elastid.use.loops.sensitivity import (
     controller_response,
     grid,
     largest_gain,
+    peaks_db,
     scaled,
     sensitivity,
     tracking_error,
 )
 
 _NEAR = 1 / 3  # of a frequency, within which a mode may be the cause of a peak
+_BINDING_DB = 0.5  # of the largest peak, within which another one limits the gains as well
 _SHOWN = 240  # lines of the curves that are kept
 Band: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -65,6 +69,11 @@ class Sampled:
     def margins(self) -> Margins:
         """Of every loop while all others are closed."""
         return margins(self.loops, self.freq_hz[:, None])
+
+    @property
+    def peaks_db(self) -> FloatArray:
+        """M_S (N,) in dB, by a parabola through the largest line and its neighbours."""
+        return peaks_db(self.size, self.freq_hz)
 
     def shown(self, values: FloatArray, freq_hz: FloatArray) -> FloatArray:
         """Values (N, F) at lines freq_hz (K,) of their own."""
@@ -121,11 +130,10 @@ def assess(
     Q = len(plants)
     own = Sampled.of(plants, gains, filters, 600, 41)
     rows = np.arange(Q)
-    line = own.size.argmax(axis=1)
-    peak_hz = own.freq_hz[rows, line]
+    peak_hz = own.freq_hz[rows, own.size.argmax(axis=1)]
     freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), _SHOWN)
-    peak = np.where(own.stable, 20 * np.log10(own.size[rows, line]), np.inf)
-    causes = tuple(_cause(own, plants, q, int(line[q]), modes[q], axes) for q in range(Q))
+    peak = np.where(own.stable, own.peaks_db, np.inf)
+    causes = tuple("; ".join(_causes(own, plants, q, modes[q], axes)) for q in range(Q))
     loops = own.loops
     S_db = own.shown(20 * np.log10(own.size), freq_hz)
     L_db = np.array([own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz) for i in range(len(axes))])
@@ -160,7 +168,7 @@ class _Bands:
             *(np.tile(np.broadcast_to(part, (Q, drawn.B.shape[2])), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
         )
         own = Sampled.of(drawn, each, filters, 120, 9)
-        peaks = np.where(own.stable, 20 * np.log10(own.size.max(axis=1)), np.inf).reshape(D, Q)
+        peaks = np.where(own.stable, own.peaks_db, np.inf).reshape(D, Q)
         found, loops = own.margins, own.loops
         ends = [_ends(getattr(found, name), D) for name in ("rise", "fall", "phase", "delay")]
         L = [_ends(own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz), D) for i in range(loops.shape[1])]
@@ -191,8 +199,16 @@ def _ends(values: FloatArray, D: int) -> Band:
     return sorted_[int(0.025 * (D - 1))], sorted_[int(np.ceil(0.975 * (D - 1)))]
 
 
+def _causes(own: Sampled, plants: Plants, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
+    """Axis and mode of each peak that limits, by rising frequency."""
+    size = np.pad(own.size[q], 1, constant_values=0.0)
+    peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
+    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-_BINDING_DB / 20)]
+    for line in binding if own.stable[q] else [int(own.size[q].argmax())]:
+        yield _cause(own, plants, q, int(line), modes, axes)
+
+
 def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> str:
-    """Axis and mode of a peak."""
     root, freq_hz = np.sqrt(plants.inertia[q]), float(own.freq_hz[q, line])
     left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)
     axis = axes[int(np.abs(left[:, 0] * right[0]).argmax())]
@@ -200,5 +216,6 @@ def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMo
         return f"unstable, at {freq_hz:.3g} Hz in axis {axis}"
     near = min(modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)
     if near is None or abs(near.freq_hz / freq_hz - 1) > _NEAR:
-        return f"axis {axis} at {freq_hz:.3g} Hz: phase of delay, sampling and filters, no mode"
-    return f"axis {axis} at {freq_hz:.3g} Hz: the mode at {near.freq_hz:.3g} Hz, most of it in {near.spring}"
+        is_slow = near is not None and freq_hz < near.freq_hz
+        return f"axis {axis} at {freq_hz:.3g} Hz: {'K_p over K_v' if is_slow else 'delay and filters'}, no mode"
+    return f"axis {axis} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"

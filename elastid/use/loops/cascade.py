@@ -127,7 +127,8 @@ def _of_corner(corner: FloatArray, rate_hz: float, z_inverse: ComplexArray) -> C
 def _of_notch(own: FloatArray, rate_hz: float, z_inverse: ComplexArray) -> ComplexArray:
     def columns() -> Iterator[ComplexArray]:
         for step in np.diag(np.full(3, _STEP)):
-            ends = [section_response(notch(*(own * np.exp(sign * step)), rate_hz), z_inverse) for sign in (1, -1)]
-            yield np.log(ends[0] / ends[1]) / (2 * _STEP)
+            moved = [own * np.exp(sign * step) for sign in (1, -1)]
+            ends = [section_response(notch(own[0], own[1], own[2], rate_hz), z_inverse) for own in moved]
+            yield np.asarray(np.log(ends[0] / ends[1]) / (2 * _STEP), dtype=np.complex128)
 
     return np.stack([*columns()], axis=-1)

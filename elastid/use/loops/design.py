@@ -29,6 +29,7 @@ from elastid.use.loops.sensitivity import (
     closed_loop_poles,
     grid,
     largest_gain,
+    peaks_db,
     scaled,
     sensitivity,
     tracking_error,
@@ -69,7 +70,7 @@ class Scene:
         S = scaled(self.sensitivity(cascade)[0], self.plants.inertia)
         poles = closed_loop_poles(self.plants, cascade.gains, cascade.filters(self.plants.rate_hz))
         stable = np.abs(poles).max(axis=1) < STABLE
-        return np.where(stable, 20 * np.log10(largest_gain(S).max(axis=1)), np.inf)
+        return np.where(stable, peaks_db(largest_gain(S), self.freq_hz), np.inf)
 
     def bandwidth(self, cascade: Cascade) -> FloatArray:
         """Hz (N, n_u)."""
@@ -110,13 +111,12 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
             f"{scene.plants.rate_hz:g} Hz: raise the rate, or leave out the posture that falls over fastest"
         )
     yield best
-    best = searched(scene, best, limit_db)
+    best = searched(scene, best, limit_db) or best
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
         tried = [searched(scene, own, limit_db, rounds=2) for own in _with_notch(scene, best)]
-        if not tried:
-            return
-        gained = searched(scene, max(tried, key=scene.reached), limit_db)
+        start = max(filter(None, tried), key=scene.reached, default=best)
+        gained = searched(scene, start, limit_db) or best
         if scene.reached(gained) < scene.reached(best) + _WORTH:
             return
         best = gained
@@ -145,15 +145,15 @@ def largest_peak(scene: Scene, cascade: Cascade, plant: int | None = None) -> tu
     return own, line, shares / shares.sum()
 
 
-def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade:
-    """The best that rounds of sequential quadratic programming find; a start that no slowing helps comes back."""
+def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
+    """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
 
     def is_kept(own: Cascade) -> bool:
         return scene.keeps(own, limit_db)
 
     best, reach = slowed(start, is_kept), _REACH
     if best is None:
-        return start
+        return None
     reached = scene.reached(best)
     for _ in range(rounds):
         problem = _Problem(scene, best, limit_db)
@@ -199,6 +199,7 @@ class _Problem:
         return self.known[1]
 
     def _evaluated(self, form: Cascade) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Cost with its slope, and room with its slopes."""
         scene, root = self.scene, np.sqrt(self.scene.plants.inertia)
         freq_hz, rate_hz = scene.freq_hz, scene.plants.rate_hz
         S, E = scene.sensitivity(form)
@@ -217,7 +218,8 @@ class _Problem:
         poles = closed_loop_poles(scene.plants, form.gains, form.filters(rate_hz))
         if np.abs(poles).max() >= STABLE:  # a step too far counts as farther than any limit
             room = room - 60
-        return *self._bandwidth(form, S, E), room, -20 / np.log(10) * moved
+        cost, slope = self._bandwidth(form, S, E)
+        return cost, slope, room, np.asarray(-20 / np.log(10) * moved)
 
     def _bandwidth(self, form: Cascade, S: ComplexArray, E: ComplexArray) -> tuple[float, FloatArray]:
         """Cost and its slope: d ln f_B = -d ln |E_ii| over the slope of ln |E_ii| along ln f."""

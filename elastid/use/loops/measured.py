@@ -21,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import MOTION_ORDER, Record
+from elastid.record import MOTION_ORDER, Motion, Record
 from elastid.response import FrequencyResponse
 from elastid.simulation.controller import Gains
 from elastid.use.loops.margins import Margins, margins
@@ -120,8 +120,9 @@ def _from_injected(record: Record) -> Record:
     assert record.r is not None
     places = (*(f"torque of {motor}" for motor in record.inputs), *(f"angle of {motor}" for motor in record.inputs))
     y = np.hstack([np.asarray(record.u), np.asarray(record.y)[:, columns]])
+    quantities: tuple[Motion, ...] = ("position",) * len(places)
     return replace(
-        record, outputs=places, quantities=("position",) * len(places), u=np.asarray(record.r), y=y, r=None,
+        record, outputs=places, quantities=quantities, u=np.asarray(record.r), y=y, r=None,
         hold="band-limited", hold_samples=(), sliding=(),
     )  # fmt: skip
 

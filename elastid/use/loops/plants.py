@@ -148,7 +148,8 @@ class PostureFamily:
 
     def _plants(self, thetas: Sequence[FloatArray]) -> Plants:
         pieces = [_sampled(own, theta, self.rate_hz) for own, theta in zip(self.linear, thetas, strict=True)]
-        return Plants(self.rate_hz, *(np.array(part) for part in zip(*pieces, strict=True)), self.inertia)
+        A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
+        return Plants(self.rate_hz, A, B, C, self.inertia)
 
 
 def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:

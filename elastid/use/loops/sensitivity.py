@@ -79,6 +79,19 @@ def largest_gain(S: ComplexArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
+def peaks_db(size: FloatArray, freq_hz: FloatArray) -> FloatArray:
+    """Largest of sizes (N, F) in dB, by the parabola of ln size over ln freq_hz through its line and its neighbours."""
+    rows, line = np.arange(len(size)), np.clip(size.argmax(axis=1), 1, size.shape[1] - 2)
+    y, x = (np.log(part[rows[:, None], line[:, None] + [-1, 0, 1]]) for part in (size, freq_hz))
+    left, right = x[:, 0] - x[:, 1], x[:, 2] - x[:, 1]
+    down, up = y[:, 0] - y[:, 1], y[:, 2] - y[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curve = (up / right - down / left) / (right - left)
+        slope = up / right - curve * right
+        rise = np.where((curve < 0) & (down <= 0) & (up <= 0), -(slope**2) / (4 * curve), 0.0)
+    return np.asarray(20 / np.log(10) * np.maximum(y[:, 1] + np.nan_to_num(rise), y.max(axis=1)))
+
+
 def tracking_error(P: ComplexArray, S: ComplexArray, F_r: ComplexArray) -> ComplexArray:
     """E_ii (..., n_u) from P, S (..., n_u, n_u) and F_r (..., n_u)."""
     return np.asarray(1 - np.einsum("...ij,...ji->...i", P, S) * F_r)
